@@ -1,0 +1,14 @@
+"""Smallest eigenpairs of generalized symmetric problems, and their derivatives. Knows nothing of meshes."""
+
+from ._dense import DenseEigh as DenseEigh
+from ._factorization import AbstractFactorization as AbstractFactorization
+from ._factorization import Cholmod as Cholmod
+from ._factorization import SuperLU as SuperLU
+from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
+from ._scipy import ScipyEigsh as ScipyEigsh
+from ._solution import RESULTS as RESULTS
+from ._solution import EigenSolution as EigenSolution
+from ._solve import cluster_labels as cluster_labels
+from ._solve import cluster_sums as cluster_sums
+from ._solve import eigsolve as eigsolve
+from ._solver import AbstractEigensolver as AbstractEigensolver

@@ -1,0 +1,142 @@
+"""SciPy's ARPACK in shift-invert mode: the fallback, and the yardstick."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Array, Float
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+from threadpoolctl import threadpool_limits
+
+from ..sparse import to_scipy
+from ._factorization import AbstractFactorization, default_factorization
+from ._problem import GeneralizedEigenproblem
+from ._solution import RESULTS, EigenSolution
+from ._solver import AbstractEigensolver
+
+
+class ScipyEigsh(AbstractEigensolver):
+    """Lanczos on (A + sB)⁻¹B with a direct factorization, on the host; callable inside `jit` (through a callback).
+
+    The shift s is placed below the spectrum and moved further down until A + sB is positive definite, so that the pairs
+    nearest to −s are the smallest ones and none is missed. Under `vmap` the problems are solved one after another.
+    """
+
+    factorization: AbstractFactorization = eqx.field(default_factory=default_factorization)
+    tolerance: float = eqx.field(default=0.0, static=True)
+    """Relative tolerance of ARPACK's Ritz values; 0 is machine precision."""
+    max_steps: int = eqx.field(default=300, static=True)
+    """Restarts of ARPACK."""
+    seed: int = eqx.field(default=0, static=True)
+    """Of the random starting vector where there is no guess."""
+
+    def compute(
+        self, problem: GeneralizedEigenproblem, k: int, guess: Float[Array, "n g"] | None
+    ) -> EigenSolution:
+        if k >= problem.size:
+            raise ValueError(f"ScipyEigsh finds at most n − 1 = {problem.size - 1} pairs, got k = {k}; use DenseEigh")
+        arrays, structure = eqx.partition((problem, guess), eqx.is_array)
+
+        def on_host(arrays: object) -> _Found:
+            problem, guess = eqx.combine(arrays, structure)
+            return self._solve(problem, k, guess)
+
+        dtype = problem.dtype
+        shapes = _Found(
+            eigenvalues=jax.ShapeDtypeStruct((k,), dtype),
+            eigenvectors=jax.ShapeDtypeStruct((problem.size, k), dtype),
+            residuals=jax.ShapeDtypeStruct((k,), dtype),
+            outcome=jax.ShapeDtypeStruct((), np.int32),
+            solves=jax.ShapeDtypeStruct((), np.int32),
+            factorizations=jax.ShapeDtypeStruct((), np.int32),
+        )
+        found = jax.pure_callback(on_host, shapes, arrays, vmap_method="sequential")
+        result = RESULTS.successful
+        for number, failure in enumerate(_FAILURES, start=1):
+            result = RESULTS.where(found.outcome == number, failure, result)
+        stats = {"solves": found.solves, "factorizations": found.factorizations}
+        return EigenSolution(found.eigenvalues, found.eigenvectors, found.residuals, result, stats)
+
+    def _solve(self, problem: GeneralizedEigenproblem, k: int, guess: np.ndarray | None) -> "_Found":
+        A, B = (sp.csc_array(to_scipy(operator), dtype=np.float64) for operator in (problem.A, problem.B))
+        n, dtype = problem.size, np.dtype(problem.dtype)
+        if not (np.isfinite(A.data).all() and np.isfinite(B.data).all()):
+            return _Found.failed(n, k, dtype, RESULTS.nonfinite_input)
+        with threadpool_limits(1, user_api="blas"):  # ARPACK's products are small; BLAS threads only get in the way
+            placed = _shifted_inverse(A, B, self.factorization)
+            if placed is None:
+                return _Found.failed(n, k, dtype, RESULTS.indefinite_mass)
+            shift, solve, factorizations = placed
+            solves = 0
+
+            def counted_solve(x: np.ndarray) -> np.ndarray:
+                nonlocal solves
+                solves += 1
+                return solve(x)
+
+            random = np.random.default_rng(self.seed).standard_normal(n)
+            start = random if guess is None else np.asarray(guess, np.float64).sum(axis=1)
+            outcome = 0
+            try:
+                values, vectors = eigsh(
+                    A, k, M=B, sigma=-shift, which="LM", v0=start, tol=self.tolerance, maxiter=self.max_steps,
+                    OPinv=LinearOperator((n, n), matvec=counted_solve, dtype=np.float64),
+                )
+            except ArpackNoConvergence as stopped:
+                outcome = 1 + _FAILURES.index(RESULTS.max_steps_reached)
+                values = np.full(k, np.nan)
+                vectors = np.full((n, k), np.nan)
+                count = len(stopped.eigenvalues)
+                values[:count], vectors[:, :count] = stopped.eigenvalues, stopped.eigenvectors
+        order = np.argsort(values)
+        values, vectors = values[order], vectors[:, order]
+        norm = abs(A).sum(axis=1).max()
+        residuals = np.linalg.norm(A @ vectors - (B @ vectors) * values, axis=0)
+        residuals /= norm * np.linalg.norm(vectors, axis=0)
+        return _Found(
+            values.astype(dtype), vectors.astype(dtype), residuals.astype(dtype),
+            np.int32(outcome), np.int32(solves), np.int32(factorizations),
+        )
+
+
+_FAILURES = (RESULTS.max_steps_reached, RESULTS.nonfinite_input, RESULTS.indefinite_mass)
+_MOST_SHIFTS = 24
+
+
+class _Found(NamedTuple):
+    """What crosses the callback."""
+
+    eigenvalues: np.ndarray | Array | jax.ShapeDtypeStruct
+    eigenvectors: np.ndarray | Array | jax.ShapeDtypeStruct
+    residuals: np.ndarray | Array | jax.ShapeDtypeStruct
+    outcome: np.int32 | Array | jax.ShapeDtypeStruct
+    """0 for success, i for `_FAILURES[i − 1]`."""
+    solves: np.int32 | Array | jax.ShapeDtypeStruct
+    factorizations: np.int32 | Array | jax.ShapeDtypeStruct
+
+    @classmethod
+    def failed(cls, n: int, k: int, dtype: np.dtype, result: RESULTS) -> "_Found":
+        nothing = np.full(k, np.nan, dtype)
+        outcome = np.int32(1 + _FAILURES.index(result))
+        return cls(nothing, np.full((n, k), np.nan, dtype), nothing, outcome, np.int32(0), np.int32(0))
+
+
+def _shifted_inverse(A: sp.csc_array, B: sp.csc_array, factorization: AbstractFactorization):
+    """A shift s > 0 with A + sB positive definite, the solve with it, and how many shifts were tried.
+
+    The first is the typical spacing of the spectrum, (median of A_ii / B_ii) / n: far below it the factorization loses
+    digits to a near-kernel, far above it Lanczos is slow. None where B is not positive definite.
+    """
+    if not (B.diagonal() > 0).all():
+        return None
+    shift = np.median(np.abs(A.diagonal()) / B.diagonal()) / A.shape[0]
+    shift = shift if shift > 0 else 1.0
+    for tried in range(1, _MOST_SHIFTS + 1):
+        solve = factorization.factorize(sp.csc_array(A + shift * B))
+        if solve is not None:
+            return shift, solve, tried
+        shift *= 8.0
+    return None

@@ -1,0 +1,38 @@
+"""What an eigensolver returns, and how it says what went wrong."""
+
+from typing import Any
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+
+class RESULTS(eqx.Enumeration):
+    """Outcome of an eigensolve; `RESULTS[solution.result]` is the message, empty for success."""
+
+    successful = ""
+    max_steps_reached = (
+        "The eigensolver stopped at its maximum number of steps before all residuals reached the tolerance. "
+        "Raise `max_steps`, loosen the tolerance, or pass another solver; `throw=False` returns the best found."
+    )
+    nonfinite_input = (
+        "The matrices of the eigenproblem hold NaN or infinity. "
+        "Check the positions: triangles of zero area or NaN coordinates give such matrices."
+    )
+    indefinite_mass = (
+        "B is not positive definite, so the problem has no lowest eigenvalue. With the `dec` discretization this means "
+        "cotangent weights that are not positive: the mesh is not Delaunay. Use `regge`, or remesh."
+    )
+
+
+class EigenSolution(eqx.Module):
+    """The k smallest eigenpairs, ascending."""
+
+    eigenvalues: Float[Array, " k"]
+    """Differentiable with respect to the problem's arrays."""
+    eigenvectors: Float[Array, "n k"]
+    """Columns, orthonormal in B. Not differentiable: differentiating them is an error."""
+    residuals: Float[Array, " k"]
+    """‖A x − λ B x‖ / (‖A‖ ‖x‖) of each pair, ‖A‖ the largest absolute row sum."""
+    result: RESULTS
+    stats: dict[str, Any]
+    """Counts of work done, by name; what is counted depends on the solver."""

@@ -1,0 +1,139 @@
+"""The Killing operator as the rate of change of edge lengths: vertex vectors in, a Regge metric tensor out.
+
+Moving the vertices along a field U changes the length of edge ij at the rate ℓ̇ = ⟨U_j, e⟩ − ⟨U_i, e⟩ (first variation of arc
+length), each inner product taken in the vertex's own intrinsic frame. The rates h = 2ℓℓ̇ of a face's three sides are the edge
+values of the symmetric tensor KU = L_U g in the lowest-order Regge element, constant in the face:
+
+    KU = Σ_e h_e S_e,   S_e = −sym(∇λ_i ⊗ ∇λ_j),   e = ij.
+
+Positive semi-definite by construction, with natural boundary conditions.
+
+References: T. Regge, General relativity without coordinates (1961); S. Christiansen, On the linearization of Regge calculus
+(2011) for the element.
+"""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..eigen import GeneralizedEigenproblem
+from ..geometry import (
+    barycentric_vertex_areas,
+    corner_cotangents,
+    edge_directions,
+    face_areas,
+    rotations,
+    transport_angles,
+)
+from ..mesh import Topology
+from ..sparse import SymmetricBlockOperator
+from ._discretization import AbstractDiscretization
+
+
+class Regge(AbstractDiscretization):
+    """Tangent vectors at vertices, two unknowns each: positive semi-definite, fourth-order λ₀ on smooth meshes, any boundary."""
+
+    def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
+        return GeneralizedEigenproblem(_stiffness(lengths, topology), vector_mass(lengths, topology))
+
+    def to_vertex_vectors(
+        self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
+    ) -> Float[Array, "V 2"]:
+        return coefficients.reshape(-1, 2)
+
+    def from_vertex_vectors(
+        self, vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
+    ) -> Float[Array, " n"]:
+        return vectors.ravel()
+
+    def energy(
+        self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
+    ) -> Float[Array, ""]:
+        vectors = coefficients.reshape(-1, 2)
+        return (face_areas(lengths, topology) * energy_density(vectors, lengths, topology)).sum()
+
+
+def squared_length_rates(
+    vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
+) -> Float[Array, " E"]:
+    """h_e = d/dt ℓ² along the flow of a vertex field: 2ℓ (⟨U_head, e⟩ − ⟨U_tail, e⟩). Unit: vector × length."""
+    return (vectors[topology.edges] * _rate_coefficients(lengths, topology)).sum(axis=(1, 2))
+
+
+def _rate_coefficients(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "E 2 2"]:
+    """∂h_e/∂U at tail and head of each edge."""
+    signs = jnp.asarray([-1.0, 1.0], lengths.dtype)[None, :, None]
+    return 2 * lengths[:, None, None] * signs * edge_directions(lengths, topology)
+
+
+def _tensor_products(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3 3"]:
+    """⟨S_e, S_e'⟩ of the sides of each face: ½ (g_ac g_bd + g_ad g_bc), g_ij = ∇λ_i·∇λ_j, from lengths alone."""
+    area = face_areas(lengths, topology)
+    cot = corner_cotangents(lengths, topology) / (2 * area[:, None])  # −g_ij is that of the third corner
+    following = jnp.roll(cot, -1, axis=1)
+    diagonal = following + jnp.roll(cot, 1, axis=1)  # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
+    corner = jnp.arange(3)
+    gram = jnp.zeros((area.shape[0], 3, 3), lengths.dtype).at[:, corner, corner].set(diagonal)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        gram = gram.at[:, i, j].set(-cot[:, k]).at[:, j, i].set(-cot[:, k])
+    start, end = gram, jnp.roll(gram, -1, axis=1)  # side s joins corners s and s + 1
+    g_ac, g_ad = start, jnp.roll(start, -1, axis=2)
+    g_bc, g_bd = end, jnp.roll(end, -1, axis=2)
+    return 0.5 * (g_ac * g_bd + g_ad * g_bc)
+
+
+def energy_density(
+    vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
+) -> Float[Array, " F"]:
+    """‖KU‖² in each face, pointwise. Unit: (vector / length)²."""
+    sides = squared_length_rates(vectors, lengths, topology)[topology.face_edges]
+    return jnp.einsum("fs,fst,ft->f", sides, _tensor_products(lengths, topology), sides)
+
+
+def _stiffness(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlockOperator:
+    """A with xᵀAx = Σ_f area_f hᵀ⟨S, S⟩h."""
+    rates = _rate_coefficients(lengths, topology)[topology.face_edges]  # [F, side, tail/head, 2]
+    along = (topology.face_edge_signs > 0)[:, :, None]
+    at_start = jnp.where(along, rates[:, :, 0], rates[:, :, 1])
+    at_end = jnp.where(along, rates[:, :, 1], rates[:, :, 0])
+    products = face_areas(lengths, topology)[:, None, None] * _tensor_products(lengths, topology)
+
+    # Corner c is the start of side c and the end of side c − 1.
+    at_end = jnp.roll(at_end, 1, axis=1)
+    end_start = jnp.roll(products, 1, axis=1)
+    end_end = jnp.roll(end_start, 1, axis=2)
+
+    def block(a: int, b: int) -> Float[Array, "F 2 2"]:
+        """Rows of corner a, columns of corner b."""
+        left = products[:, a, b, None] * at_start[:, b] + jnp.roll(products, 1, axis=2)[:, a, b, None] * at_end[:, b]
+        right = end_start[:, a, b, None] * at_start[:, b] + end_end[:, a, b, None] * at_end[:, b]
+        return at_start[:, a, :, None] * left[:, None, :] + at_end[:, a, :, None] * right[:, None, :]
+
+    on_corners = jnp.stack([block(c, c) for c in range(3)], axis=1)
+    on_sides = jnp.stack([block(c, (c + 1) % 3) for c in range(3)], axis=1)
+    on_sides = jnp.where(along[..., None], on_sides, on_sides.mT)  # rows: the edge's tail
+    return SymmetricBlockOperator(
+        diagonal=_sum_over(topology.faces, on_corners, topology.n_vertices),
+        upper=_sum_over(topology.face_edges, on_sides, topology.n_edges),
+        edges=topology.edges,
+    )
+
+
+def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlockOperator:
+    """B with xᵀBx = ∫|U|²: half lumped, half consistent P1 with transport along the edges.
+
+    The blend cancels the leading dispersion error of either. Diagonally dominant, hence positive definite.
+    """
+    vertex = 0.75 * barycentric_vertex_areas(lengths, topology)
+    around = jnp.broadcast_to(face_areas(lengths, topology)[:, None], (topology.n_faces, 3))
+    edge = _sum_over(topology.face_edges, around, topology.n_edges) / 24
+    head_to_tail = rotations(transport_angles(lengths, topology)).mT
+    return SymmetricBlockOperator(
+        diagonal=vertex[:, None, None] * jnp.eye(2, dtype=lengths.dtype)[None],
+        upper=edge[:, None, None] * head_to_tail,
+        edges=topology.edges,
+    )
+
+
+def _sum_over(indices: Array, values: Float[Array, "F 3 *block"], count: int) -> Float[Array, "count *block"]:
+    return jax.ops.segment_sum(values.reshape(-1, *values.shape[2:]), indices.ravel(), num_segments=count)

@@ -1,0 +1,75 @@
+"""A triangle mesh: vertex positions over a fixed connectivity."""
+
+import os
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ._io import read_mesh, write_mesh
+from ._topology import Topology
+from ._validation import check_areas_positive, checked_vertices
+
+
+class TriangleMesh(eqx.Module):
+    """An oriented manifold triangle mesh in R³: differentiable positions over a fixed `Topology`.
+
+    A pytree: pass it through `jit`, differentiate with respect to `vertices` by `with_vertices`.
+    """
+
+    vertices: Float[Array, "V 3"]
+    """Positions, in the user's unit of length."""
+    topology: Topology
+
+    @classmethod
+    def from_arrays(cls, vertices: object, faces: object) -> "TriangleMesh":
+        """The mesh with these positions `[V, 3]` and counter-clockwise faces `[F, 3]` (indices from 0).
+
+        The floating dtype of `vertices` is kept as far as JAX is allowed it: float64 needs `jax_enable_x64`.
+
+        Raises:
+            MeshError: not an oriented manifold triangle mesh with finite positions and positive areas; the message names
+                the first offending faces or vertices and the remedy. Nothing is repaired.
+        """
+        checked = checked_vertices(vertices)
+        positions = jnp.asarray(checked)
+        topology = Topology.from_faces(faces, checked.shape[0])
+        check_areas_positive(np.asarray(positions), np.asarray(topology.faces))
+        return cls(positions, topology)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> "TriangleMesh":
+        """The mesh in an OBJ, PLY, OFF or STL file, its vertices in the file's order (texture seams do not split them).
+
+        Raises:
+            OSError: the file cannot be read.
+            MeshError: its content is not an oriented manifold triangle mesh with positive areas.
+        """
+        return cls.from_arrays(*read_mesh(path))
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the mesh to `path` (OBJ, PLY, OFF or STL by its ending) under a temporary name, then renames it.
+
+        Raises:
+            OSError: the file cannot be written; nothing is left behind.
+            ValueError: unknown ending.
+        """
+        write_mesh(path, np.asarray(self.vertices, np.float64), np.asarray(self.faces))
+
+    @property
+    def faces(self) -> Int[Array, "F 3"]:
+        return self.topology.faces
+
+    def with_vertices(self, vertices: Float[Array, "V 3"]) -> "TriangleMesh":
+        """The same connectivity at other positions: the entry for `grad`, `jit` and `vmap`. Values are not checked.
+
+        Raises:
+            ValueError: another shape than `[V, 3]`.
+        """
+        vertices = jnp.asarray(vertices)
+        if vertices.shape != (self.topology.n_vertices, 3):
+            raise ValueError(
+                f"with_vertices needs shape [{self.topology.n_vertices}, 3], got {list(vertices.shape)}"
+            )
+        return TriangleMesh(vertices, self.topology)

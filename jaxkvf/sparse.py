@@ -1,0 +1,209 @@
+"""Sparse linear operators for lineax: written once as a formula, used as products in JAX and as SciPy matrices.
+
+lineax gives sums, products, scalings and transposes of operators, and declared structure (symmetric, positive
+semi-definite). Here are the two sparse leaves that meshes need, products with a block of vectors, and the way to SciPy.
+"""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import lineax as lx
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
+
+
+class RowSparseOperator(lx.AbstractLinearOperator):
+    """A rectangular matrix with the same number of entries in every row: (M x)_r = Σ_s values[r, s] x[columns[r, s]]."""
+
+    columns: Int[Array, "m width"]
+    values: Float[Array, "m width"]
+    n_columns: int = eqx.field(static=True)
+
+    def mv(self, vector: Float[Array, " n"]) -> Float[Array, " m"]:
+        return (self.values * vector[self.columns]).sum(axis=1)
+
+    def as_matrix(self) -> Float[Array, "m n"]:
+        rows = jnp.arange(self.columns.shape[0])[:, None]
+        empty = jnp.zeros((self.columns.shape[0], self.n_columns), self.values.dtype)
+        return empty.at[rows, self.columns].add(self.values)
+
+    def transpose(self) -> "_TransposedRowSparseOperator":
+        return _TransposedRowSparseOperator(self)
+
+    def in_structure(self) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct((self.n_columns,), self.values.dtype)
+
+    def out_structure(self) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct(self.columns.shape[:1], self.values.dtype)
+
+
+class _TransposedRowSparseOperator(lx.AbstractLinearOperator):
+    """The transpose of a `RowSparseOperator`: a gather becomes a scatter."""
+
+    of: RowSparseOperator
+
+    def mv(self, vector: Float[Array, " m"]) -> Float[Array, " n"]:
+        spread = self.of.values * vector[:, None]
+        return jax.ops.segment_sum(spread.ravel(), self.of.columns.ravel(), num_segments=self.of.n_columns)
+
+    def as_matrix(self) -> Float[Array, "n m"]:
+        return self.of.as_matrix().T
+
+    def transpose(self) -> RowSparseOperator:
+        return self.of
+
+    def in_structure(self) -> jax.ShapeDtypeStruct:
+        return self.of.out_structure()
+
+    def out_structure(self) -> jax.ShapeDtypeStruct:
+        return self.of.in_structure()
+
+
+class SymmetricBlockOperator(lx.AbstractLinearOperator):
+    """A symmetric positive semi-definite matrix of b × b blocks on the edges of a graph.
+
+    Row block i has `diagonal[i]` and, for each edge (i, j), `upper[e]` at column j; row j has its transpose at column i.
+    Unknown c of node i is number b i + c.
+    """
+
+    diagonal: Float[Array, "n b b"]
+    """Symmetric blocks."""
+    upper: Float[Array, "m b b"]
+    edges: Int[Array, "m 2"]
+
+    @property
+    def block_size(self) -> int:
+        return self.diagonal.shape[1]
+
+    def mv(self, vector: Float[Array, " nb"]) -> Float[Array, " nb"]:
+        return matmat(self, vector[:, None])[:, 0]
+
+    def as_matrix(self) -> Float[Array, "n*b nb"]:
+        return matmat(self, jnp.eye(self.in_size(), dtype=self.diagonal.dtype))
+
+    def transpose(self) -> "SymmetricBlockOperator":
+        return self
+
+    def in_structure(self) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct((self.diagonal.shape[0] * self.block_size,), self.diagonal.dtype)
+
+    def out_structure(self) -> jax.ShapeDtypeStruct:
+        return self.in_structure()
+
+
+_LEAVES = (RowSparseOperator, _TransposedRowSparseOperator, SymmetricBlockOperator)
+for _leaf in _LEAVES:
+    _symmetric = _leaf is SymmetricBlockOperator
+    for _declared in (lx.is_symmetric, lx.is_positive_semidefinite):
+        _declared.register(_leaf)(lambda operator, answer=_symmetric: answer)
+    for _undeclared in (
+        lx.is_diagonal,
+        lx.is_tridiagonal,
+        lx.is_lower_triangular,
+        lx.is_upper_triangular,
+        lx.is_negative_semidefinite,
+        lx.has_unit_diagonal,
+    ):
+        _undeclared.register(_leaf)(lambda operator: False)
+    lx.linearise.register(_leaf)(lambda operator: operator)
+    lx.conj.register(_leaf)(lambda operator: operator)
+    lx.materialise.register(_leaf)(lambda operator: lx.MatrixLinearOperator(operator.as_matrix()))
+
+
+@functools.singledispatch
+def matmat(operator: lx.AbstractLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    """The operator applied to each column of `block`; unknowns first, so that a gather fetches whole rows."""
+    return jax.vmap(operator.mv, in_axes=1, out_axes=1)(block)
+
+
+@matmat.register
+def _(operator: SymmetricBlockOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    n, b, _ = operator.diagonal.shape
+    x = block.reshape(n, b, -1)
+    tail, head = operator.edges.T
+    y = operator.diagonal @ x
+    y = y + jax.ops.segment_sum(operator.upper @ x[head], tail, num_segments=n)
+    y = y + jax.ops.segment_sum(operator.upper.mT @ x[tail], head, num_segments=n)
+    return y.reshape(block.shape)
+
+
+@functools.singledispatch
+def to_scipy(operator: lx.AbstractLinearOperator) -> sp.csr_array:
+    """The operator as a SciPy CSR array on the host; its arrays must be concrete (JAX or NumPy).
+
+    Raises:
+        TypeError: an operator with no sparse form (materialise it first).
+    """
+    raise TypeError(
+        f"{type(operator).__name__} has no sparse form; pass `lineax.materialise(operator)` to use it as a dense matrix"
+    )
+
+
+@to_scipy.register
+def _(operator: RowSparseOperator) -> sp.csr_array:
+    columns, values = np.asarray(operator.columns), np.asarray(operator.values)
+    rows = np.repeat(np.arange(columns.shape[0]), columns.shape[1])
+    return sp.csr_array((values.ravel(), (rows, columns.ravel())), shape=(columns.shape[0], operator.n_columns))
+
+
+@to_scipy.register
+def _(operator: _TransposedRowSparseOperator) -> sp.csr_array:
+    return sp.csr_array(to_scipy(operator.of).T)
+
+
+@to_scipy.register
+def _(operator: SymmetricBlockOperator) -> sp.csr_array:
+    diagonal, upper = np.asarray(operator.diagonal), np.asarray(operator.upper)
+    tail, head = np.asarray(operator.edges).T
+    n, b, _ = diagonal.shape
+    nodes = np.arange(n)
+    rows = np.concatenate([nodes, tail, head])
+    columns = np.concatenate([nodes, head, tail])
+    blocks = np.concatenate([diagonal, upper, upper.transpose(0, 2, 1)])
+    order = np.lexsort((columns, rows))
+    starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=n))])
+    matrix = sp.bsr_array((blocks[order], columns[order], starts), shape=(n * b, n * b))
+    return matrix.tocsr()
+
+
+@to_scipy.register
+def _(operator: lx.MatrixLinearOperator) -> sp.csr_array:
+    return sp.csr_array(np.asarray(operator.matrix))
+
+
+@to_scipy.register
+def _(operator: lx.DiagonalLinearOperator) -> sp.csr_array:
+    return sp.csr_array(sp.diags_array(np.asarray(operator.diagonal)))
+
+
+@to_scipy.register
+def _(operator: lx.IdentityLinearOperator) -> sp.csr_array:
+    return sp.csr_array(sp.eye_array(operator.in_size()))
+
+
+@to_scipy.register
+def _(operator: lx.TaggedLinearOperator) -> sp.csr_array:
+    return to_scipy(operator.operator)
+
+
+@to_scipy.register
+def _(operator: lx.ComposedLinearOperator) -> sp.csr_array:
+    return sp.csr_array(to_scipy(operator.operator1) @ to_scipy(operator.operator2))
+
+
+@to_scipy.register
+def _(operator: lx.AddLinearOperator) -> sp.csr_array:
+    return sp.csr_array(to_scipy(operator.operator1) + to_scipy(operator.operator2))
+
+
+@to_scipy.register
+def _(operator: lx.MulLinearOperator) -> sp.csr_array:
+    return sp.csr_array(to_scipy(operator.operator) * float(operator.scalar))
+
+
+@to_scipy.register
+def _(operator: lx.NegLinearOperator) -> sp.csr_array:
+    return sp.csr_array(-to_scipy(operator.operator))
