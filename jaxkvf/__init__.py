@@ -1,5 +1,18 @@
-"""Continuous intrinsic symmetry of triangle meshes as a differentiable primitive in JAX."""
+"""Continuous intrinsic symmetry of triangle meshes as a differentiable primitive in JAX.
 
+`killing_fields(mesh, k)` finds the tangent fields closest to generating a symmetry, `killing_eigenvalues` how close they
+are, differentiably, and `symmetrize` moves the vertices until the symmetry is exact. Meshes come from `TriangleMesh.load`,
+`TriangleMesh.from_arrays` or `shapes`. float64 is recommended: `jax.config.update("jax_enable_x64", True)`.
+"""
+
+from . import eigen as eigen
+from . import exterior as exterior
+from . import geometry as geometry
+from . import killing as killing
+from . import reference as reference
+from . import symmetry as symmetry
+from .eigen import DenseEigh as DenseEigh
+from .eigen import ScipyEigsh as ScipyEigsh
 from .fields import KillingFields as KillingFields
 from .fields import intrinsic_killing_eigenvalues as intrinsic_killing_eigenvalues
 from .fields import killing_eigenvalues as killing_eigenvalues
@@ -9,5 +22,6 @@ from .killing import killing_energy_density as killing_energy_density
 from .mesh import MeshError as MeshError
 from .mesh import Topology as Topology
 from .mesh import TriangleMesh as TriangleMesh
+from .mesh import shapes as shapes
 from .symmetry import Symmetrization as Symmetrization
 from .symmetry import symmetrize as symmetrize

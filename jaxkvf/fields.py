@@ -4,9 +4,10 @@ from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .eigen import RESULTS, AbstractEigensolver, EigenSolution, cluster_labels, eigsolve
+from .eigen import RESULTS, AbstractEigensolver, GeneralizedEigenproblem, cluster_labels, eigsolve
 from .geometry import edge_lengths, embed, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
 from .mesh import Topology, TriangleMesh
@@ -57,7 +58,21 @@ def killing_fields(
         ValueError: k not an integer between 1 and the number of unknowns; unknown discretization.
         equinox.EquinoxRuntimeError: the eigensolver failed and `throw`.
     """
-    return _killing_fields(mesh, k, discretization_named(discretization), solver, throw)
+    chosen = discretization_named(discretization)
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    solution = eigsolve(_assemble(chosen, lengths, mesh.topology), k, solver, throw=throw)
+    coefficients = solution.eigenvectors.T
+    vectors, area = _unit_vectors(chosen, mesh, coefficients)
+    return KillingFields(
+        eigenvalues=solution.eigenvalues,
+        vectors=vectors,
+        coefficients=coefficients,
+        residuals=solution.residuals,
+        clusters=cluster_labels(solution.eigenvalues, atol=_EXACT / area),
+        area=area,
+        result=solution.result,
+        stats=solution.stats,
+    )
 
 
 def killing_eigenvalues(
@@ -94,53 +109,36 @@ def intrinsic_killing_eigenvalues(
         ValueError: as for `killing_fields`, or not one length an edge.
     """
     if lengths.shape != (topology.n_edges,):
-        raise ValueError(f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}")
-    return _solve(lengths, topology, k, discretization_named(discretization), solver, throw).eigenvalues
+        raise ValueError(
+            f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
+        )
+    problem = _assemble(discretization_named(discretization), lengths, topology)
+    return eigsolve(problem, k, solver, throw=throw).eigenvalues
+
+
+# Assembly and finish are jitted, the solve between them is not: a solver on the host then needs no callback, and compiled
+# code without callbacks can be kept on disk by JAX's compilation cache.
+@eqx.filter_jit
+def _assemble(
+    discretization: AbstractDiscretization, lengths: Float[Array, " E"], topology: Topology
+) -> GeneralizedEigenproblem:
+    return discretization.eigenproblem(lengths, topology)
 
 
 @eqx.filter_jit
-def _solve(
-    lengths: Float[Array, " E"],
-    topology: Topology,
-    k: int,
-    discretization: AbstractDiscretization,
-    solver: AbstractEigensolver | None,
-    throw: bool,
-) -> EigenSolution:
-    return eigsolve(discretization.eigenproblem(lengths, topology), k, solver, throw=throw)
-
-
-@eqx.filter_jit
-def _killing_fields(
-    mesh: TriangleMesh,
-    k: int,
-    discretization: AbstractDiscretization,
-    solver: AbstractEigensolver | None,
-    throw: bool,
-) -> KillingFields:
-    topology = mesh.topology
-    lengths = edge_lengths(mesh.vertices, topology)
-    solution = _solve(lengths, topology, k, discretization, solver, throw)
-    coefficients = solution.eigenvectors.T
-    mass = vector_mass(lengths, topology)
-    area = surface_area(lengths, topology)
+def _unit_vectors(
+    discretization: AbstractDiscretization, mesh: TriangleMesh, coefficients: Float[Array, "k n"]
+) -> tuple[Float[Array, "k V 3"], Float[Array, ""]]:
+    """The fields in R³, each scaled to ∫|U|² = 1, and the surface area."""
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    mass = vector_mass(lengths, mesh.topology)
 
     def unit_field(coefficients: Float[Array, " n"]) -> Float[Array, "V 2"]:
-        vectors = discretization.to_vertex_vectors(coefficients, lengths, topology)
-        flattened = vectors.ravel()
-        return vectors / jax.numpy.sqrt(flattened @ mass.mv(flattened))
+        vectors = discretization.to_vertex_vectors(coefficients, lengths, mesh.topology)
+        return vectors / jnp.sqrt(vectors.ravel() @ mass.mv(vectors.ravel()))
 
-    vectors = embed(jax.vmap(unit_field)(coefficients), vertex_frames(mesh.vertices, topology))
-    return KillingFields(
-        eigenvalues=solution.eigenvalues,
-        vectors=vectors,
-        coefficients=coefficients,
-        residuals=solution.residuals,
-        clusters=cluster_labels(solution.eigenvalues, atol=_EXACT / area),
-        area=area,
-        result=solution.result,
-        stats=solution.stats,
-    )
+    vectors = embed(jax.vmap(unit_field)(coefficients), vertex_frames(mesh.vertices, mesh.topology))
+    return vectors, surface_area(lengths, mesh.topology)
 
 
 _EXACT = 1e-3  # λ·area below which a symmetry counts as exact when eigenvalues are grouped

@@ -1,5 +1,6 @@
 """Dense eigensolver: exact, for small problems and for tests."""
 
+import equinox as eqx
 import jax.numpy as jnp
 from jax.lax.linalg import eigh, triangular_solve
 from jaxtyping import Array, Float
@@ -16,6 +17,7 @@ class DenseEigh(AbstractEigensolver):
     Fully in JAX: runs under `jit` and `vmap` on any backend. Practical to a few thousand unknowns.
     """
 
+    @eqx.filter_jit
     def compute(
         self, problem: GeneralizedEigenproblem, k: int, guess: Float[Array, "n g"] | None
     ) -> EigenSolution:
@@ -27,9 +29,9 @@ class DenseEigh(AbstractEigensolver):
         vectors, values = eigh(0.5 * (standard + standard.T))
         values = values[:k]
         vectors = triangular_solve(factor, vectors[:, :k], left_side=True, lower=True, transpose_a=True)
-        result = RESULTS.where(
-            jnp.isfinite(factor).all(), RESULTS.successful, RESULTS.indefinite_mass
-        )
+        result = RESULTS.where(jnp.isfinite(factor).all(), RESULTS.successful, RESULTS.indefinite_mass)
         result = RESULTS.where(jnp.isfinite(A).all() & jnp.isfinite(B).all(), result, RESULTS.nonfinite_input)
-        residuals = relative_residuals(A @ vectors, B @ vectors, vectors, values, jnp.abs(A).sum(axis=1).max())
+        residuals = relative_residuals(
+            A @ vectors, B @ vectors, vectors, values, jnp.abs(A).sum(axis=1).max()
+        )
         return EigenSolution(values, vectors, residuals, result, stats={})

@@ -6,7 +6,6 @@ from collections.abc import Callable
 import equinox as eqx
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float
 from scipy.sparse.linalg import splu
 
 Solve = Callable[[np.ndarray], np.ndarray]
@@ -28,11 +27,11 @@ class Cholmod(AbstractFactorization):
             raise ImportError('Cholmod needs cvxopt: pip install "jaxkvf[cholmod-gpl]" (a GPL library)')
 
     def factorize(self, matrix: sp.csc_array) -> Solve | None:
-        from cvxopt import cholmod, spmatrix
-        from cvxopt import matrix as dense
+        from cvxopt import cholmod, spmatrix  # noqa: PLC0415  # pyright: ignore[reportAttributeAccessIssue]
+        from cvxopt import matrix as dense  # noqa: PLC0415
 
         lower = sp.coo_array(sp.tril(matrix))
-        A = spmatrix(lower.data.tolist() if lower.nnz == 0 else dense(lower.data), lower.row.astype(int), lower.col.astype(int), matrix.shape)
+        A = spmatrix(dense(lower.data), lower.row.astype(int), lower.col.astype(int), matrix.shape)
         cholmod.options["supernodal"] = 2
         factor = cholmod.symbolic(A)
         try:
@@ -65,7 +64,7 @@ class SuperLU(AbstractFactorization):
 
 def cholmod_is_installed() -> bool:
     try:
-        import cvxopt.cholmod  # noqa: F401
+        import cvxopt.cholmod  # noqa: F401, PLC0415
     except ImportError:
         return False
     return True

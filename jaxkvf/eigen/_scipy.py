@@ -1,10 +1,9 @@
 """SciPy's ARPACK in shift-invert mode: the fallback, and the yardstick."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float
@@ -12,7 +11,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from threadpoolctl import threadpool_limits
 
 from ..sparse import to_scipy
-from ._factorization import AbstractFactorization, default_factorization
+from ._factorization import AbstractFactorization, Solve, default_factorization
 from ._problem import GeneralizedEigenproblem
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
@@ -37,10 +36,12 @@ class ScipyEigsh(AbstractEigensolver):
         self, problem: GeneralizedEigenproblem, k: int, guess: Float[Array, "n g"] | None
     ) -> EigenSolution:
         if k >= problem.size:
-            raise ValueError(f"ScipyEigsh finds at most n − 1 = {problem.size - 1} pairs, got k = {k}; use DenseEigh")
+            raise ValueError(
+                f"ScipyEigsh finds at most n − 1 = {problem.size - 1} pairs, got k = {k}; use DenseEigh"
+            )
         arrays, structure = eqx.partition((problem, guess), eqx.is_array)
 
-        def on_host(arrays: object) -> _Found:
+        def on_host(arrays: Any) -> _Found:
             problem, guess = eqx.combine(arrays, structure)
             return self._solve(problem, k, guess)
 
@@ -65,7 +66,9 @@ class ScipyEigsh(AbstractEigensolver):
         n, dtype = problem.size, np.dtype(problem.dtype)
         if not (np.isfinite(A.data).all() and np.isfinite(B.data).all()):
             return _Found.failed(n, k, dtype, RESULTS.nonfinite_input)
-        with threadpool_limits(1, user_api="blas"):  # ARPACK's products are small; BLAS threads only get in the way
+        with threadpool_limits(
+            1, user_api="blas"
+        ):  # ARPACK's products are small; BLAS threads only get in the way
             placed = _shifted_inverse(A, B, self.factorization)
             if placed is None:
                 return _Found.failed(n, k, dtype, RESULTS.indefinite_mass)
@@ -79,11 +82,19 @@ class ScipyEigsh(AbstractEigensolver):
 
             random = np.random.default_rng(self.seed).standard_normal(n)
             start = random if guess is None else np.asarray(guess, np.float64).sum(axis=1)
+            inverse = LinearOperator((n, n), matvec=counted_solve, dtype=np.float64)  # pyright: ignore[reportCallIssue]
             outcome = 0
             try:
                 values, vectors = eigsh(
-                    A, k, M=B, sigma=-shift, which="LM", v0=start, tol=self.tolerance, maxiter=self.max_steps,
-                    OPinv=LinearOperator((n, n), matvec=counted_solve, dtype=np.float64),
+                    A,
+                    k,
+                    M=B,
+                    sigma=-shift,
+                    which="LM",
+                    v0=start,
+                    tol=self.tolerance,  # pyright: ignore[reportArgumentType]
+                    maxiter=self.max_steps,
+                    OPinv=inverse,
                 )
             except ArpackNoConvergence as stopped:
                 outcome = 1 + _FAILURES.index(RESULTS.max_steps_reached)
@@ -97,8 +108,12 @@ class ScipyEigsh(AbstractEigensolver):
         residuals = np.linalg.norm(A @ vectors - (B @ vectors) * values, axis=0)
         residuals /= norm * np.linalg.norm(vectors, axis=0)
         return _Found(
-            values.astype(dtype), vectors.astype(dtype), residuals.astype(dtype),
-            np.int32(outcome), np.int32(solves), np.int32(factorizations),
+            values.astype(dtype),
+            vectors.astype(dtype),
+            residuals.astype(dtype),
+            np.int32(outcome),
+            np.int32(solves),
+            np.int32(factorizations),
         )
 
 
@@ -124,7 +139,9 @@ class _Found(NamedTuple):
         return cls(nothing, np.full((n, k), np.nan, dtype), nothing, outcome, np.int32(0), np.int32(0))
 
 
-def _shifted_inverse(A: sp.csc_array, B: sp.csc_array, factorization: AbstractFactorization):
+def _shifted_inverse(
+    A: sp.csc_array, B: sp.csc_array, factorization: AbstractFactorization
+) -> tuple[float, Solve, int] | None:
     """A shift s > 0 with A + sB positive definite, the solve with it, and how many shifts were tried.
 
     The first is the typical spacing of the spectrum, (median of A_ii / B_ii) / n: far below it the factorization loses
@@ -132,7 +149,7 @@ def _shifted_inverse(A: sp.csc_array, B: sp.csc_array, factorization: AbstractFa
     """
     if not (B.diagonal() > 0).all():
         return None
-    shift = np.median(np.abs(A.diagonal()) / B.diagonal()) / A.shape[0]
+    shift = float(np.median(np.abs(A.diagonal()) / B.diagonal())) / len(A.diagonal())
     shift = shift if shift > 0 else 1.0
     for tried in range(1, _MOST_SHIFTS + 1):
         solve = factorization.factorize(sp.csc_array(A + shift * B))

@@ -41,7 +41,9 @@ def eigsolve(
         equinox.EquinoxRuntimeError: the solve failed and `throw`; the message says why and what to do.
     """
     if isinstance(k, bool) or not isinstance(k, int) or not 1 <= k <= problem.size:
-        raise ValueError(f"k must be an integer between 1 and the number of unknowns {problem.size}, got {k!r}")
+        raise ValueError(
+            f"k must be an integer between 1 and the number of unknowns {problem.size}, got {k!r}"
+        )
     if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
         raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
     if solver is None:
@@ -53,9 +55,7 @@ def eigsolve(
         solution = solution.result.error_if(solution, solution.result != RESULTS.successful)
     vectors = jax.lax.stop_gradient(solution.eigenvectors)
     values = _hellmann_feynman(problem, jax.lax.stop_gradient(solution.eigenvalues), vectors)
-    return eqx.tree_at(
-        lambda s: (s.eigenvalues, s.eigenvectors), solution, (values, vectors)
-    )
+    return eqx.tree_at(lambda s: (s.eigenvalues, s.eigenvectors), solution, (values, vectors))
 
 
 @eqx.filter_custom_jvp

@@ -1,2 +1,2 @@
 class MeshError(ValueError):
-    """The input is not an oriented manifold triangle mesh with positive areas; the message names what, where and the remedy."""
+    """The input is not an oriented manifold triangle mesh with positive areas; the message names what and where."""

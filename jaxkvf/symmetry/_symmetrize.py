@@ -21,11 +21,12 @@ class OUTCOMES(eqx.Enumeration):
 
     successful = ""
     no_symmetry_nearby = (
-        "The minimiser came to rest at a mesh that is not symmetric to the tolerance: there is no symmetric mesh nearby. "
+        "The minimiser came to rest at a mesh that is not symmetric to the tolerance: no symmetric mesh is nearby. "
         "Lower the weights of the terms, ask for fewer fields (`count`), or accept the mesh as it is."
     )
     max_steps_reached = (
-        "The maximum number of steps was reached before λ·area fell to the tolerance. Raise `max_steps` or `rtol`."
+        "The maximum number of evaluations was reached before λ·area fell to the tolerance. "
+        "Raise `max_steps` or `rtol`."
     )
     eigensolver_failed = (
         "The eigensolver failed on the input mesh, so nothing could be minimised. "
@@ -65,9 +66,9 @@ def symmetrize(
     terms: Sequence[AbstractTerm] = (PositionFidelity(), ShapeBarrier()),
     minimiser: optx.AbstractMinimiser | None = None,
     solver: AbstractEigensolver | None = None,
-    rtol: float = 2e-6,
+    rtol: float = 5e-6,
     atol: float = 1e-9,
-    max_steps: int = 300,
+    max_steps: int = 500,
     callback: Callable[[Step], object] | None = None,
 ) -> Symmetrization:
     """The mesh near `mesh` that has `count` exact Killing vector fields.
@@ -131,7 +132,10 @@ def symmetrize(
             outcome = OUTCOMES.no_symmetry_nearby
             break
     return Symmetrization(
-        objective.moved(displacement), tuple(history), outcome, {"evaluations": evaluations, "steps": len(history) - 1}
+        objective.moved(displacement),
+        tuple(history),
+        outcome,
+        {"evaluations": evaluations, "steps": len(history) - 1},
     )
 
 

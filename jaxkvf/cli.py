@@ -1,0 +1,317 @@
+"""The command line: `jaxkvf fields MESH` and `jaxkvf symmetrize [MESH] -o OUT`.
+
+Exit codes: 0 done, 1 could not (a message says why), 2 wrong use.
+"""
+
+import argparse
+import io
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from .fields import KillingFields, killing_fields
+from .files import check_can_be_written, write_whole
+from .geometry import edge_lengths, mean_edge_length
+from .mesh import TriangleMesh, shapes
+from .symmetry import OUTCOMES, Step, symmetrize
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+_READABLE, _WRITABLE = ".obj, .ply, .off or .stl", (".obj", ".ply", ".off", ".stl")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command line; returns the exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        from rich.console import Console  # noqa: PLC0415
+    except ImportError:
+        print('jaxkvf: the command line needs rich: pip install "jaxkvf[cli]"', file=sys.stderr)
+        return 1
+    console = Console(stderr=options.json)
+    _enable_float64_and_cache()
+    try:
+        report = options.run(options, console)
+    except (ValueError, OSError, RuntimeError, MemoryError) as failure:
+        print(f"jaxkvf: {_first_paragraph(failure)}", file=sys.stderr)
+        return 1
+    if options.json:
+        json.dump(report, sys.stdout, indent=2)
+        print()
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxkvf", description="Continuous intrinsic symmetry of triangle meshes: Killing vector fields."
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    fields = commands.add_parser(
+        "fields", help="the approximate Killing fields of a mesh", description=_fields.__doc__
+    )
+    fields.add_argument("mesh", type=Path, metavar="MESH", help=f"a {_READABLE} file")
+    fields.add_argument("-k", type=_positive, default=6, help="number of fields (default: 6)")
+    fields.add_argument("--discretization", choices=("regge", "dec"), default="regge")
+    fields.add_argument(
+        "-o", "--output", type=_with_suffix(".npz"), metavar="NPZ", help="write eigenvalues and vectors here"
+    )
+    fields.set_defaults(run=_fields)
+
+    symmetrize = commands.add_parser(
+        "symmetrize",
+        help="move the vertices until the symmetry is exact",
+        description=_symmetrize.__doc__,
+    )
+    symmetrize.add_argument(
+        "mesh",
+        type=Path,
+        nargs="?",
+        metavar="MESH",
+        help=f"a {_READABLE} file; by default a built-in noisy vase",
+    )
+    symmetrize.add_argument(
+        "-o",
+        "--output",
+        type=_with_suffix(*_WRITABLE),
+        required=True,
+        metavar="OUT",
+        help="the mesh to write",
+    )
+    symmetrize.add_argument(
+        "--count", type=_positive, default=1, help="number of symmetries to make exact (default: 1)"
+    )
+    symmetrize.add_argument(
+        "--max-steps", type=_positive, default=500, help="most evaluations of the objective (default: 500)"
+    )
+    symmetrize.set_defaults(run=_symmetrize)
+
+    for command in (fields, symmetrize):
+        command.add_argument("--json", action="store_true", help="print the result as JSON")
+        picture = command.add_mutually_exclusive_group()
+        picture.add_argument(
+            "--picture", type=_with_suffix(".png"), metavar="PNG", help="where to put the picture"
+        )
+        picture.add_argument("--no-picture", action="store_true", help="draw nothing")
+    return parser
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
+    return number
+
+
+def _with_suffix(*suffixes: str) -> Any:
+    def path(text: str) -> Path:
+        if Path(text).suffix.lower() not in suffixes:
+            raise argparse.ArgumentTypeError(f"must end in {' or '.join(suffixes)}, got {text!r}")
+        return Path(text)
+
+    return path
+
+
+def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
+    """Finds the k tangent fields of smallest Killing energy; λ·area near 0 means a continuous intrinsic symmetry."""
+    _check_writable(options.output, options.picture)
+    with console.status("reading"):
+        mesh = TriangleMesh.load(options.mesh)
+    with console.status(f"solving for {options.k} fields on {mesh.topology.n_vertices} vertices"):
+        found = killing_fields(mesh, options.k, discretization=options.discretization)
+        found.eigenvalues.block_until_ready()
+    console.print(_table(found, f"{options.mesh.name}: {_size(mesh)}"))
+
+    if options.output is not None:
+        content = io.BytesIO()
+        np.savez(
+            content,
+            eigenvalues=np.asarray(found.eigenvalues),
+            vectors=np.asarray(found.vectors),
+            area=np.asarray(found.area),
+        )
+        write_whole(options.output, content.getvalue())
+        console.print(f"wrote {options.output}")
+
+    def draw(path: Path) -> None:
+        from .viz import render_fields  # noqa: PLC0415
+
+        shown = min(4, options.k)
+        titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)[:shown]]
+        vertices, faces, vectors = _arrays(mesh, found)
+        render_fields(path, vertices, faces, vectors[:shown], titles)
+
+    picture = options.picture or Path(f"{options.mesh.stem}-fields.png")
+    drawn = _draw(draw, picture, options, console)
+    return {"mesh": str(options.mesh), **_describe(mesh, found), "picture": drawn}
+
+
+def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
+    """Moves the vertices of a nearly symmetric mesh until its continuous intrinsic symmetry is exact."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    _check_writable(options.output, options.picture)
+    with console.status("reading"):
+        if options.mesh is None:
+            name, mesh = (
+                "built-in vase, noise of 5 % of the mean edge",
+                shapes.add_normal_noise(shapes.vase(), 0.05, seed=0),
+            )
+        else:
+            name, mesh = options.mesh.name, TriangleMesh.load(options.mesh)
+
+    columns = (
+        TextColumn("symmetrizing"),
+        BarColumn(),
+        TextColumn("λ·area = {task.fields[asymmetry]:.2e}"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("", total=options.max_steps, asymmetry=float("nan"))
+
+        def show(step: Step) -> None:
+            asymmetry = step.dimensionless[: options.count].sum()
+            progress.update(task, completed=step.evaluations, asymmetry=asymmetry)
+
+        done = symmetrize(mesh, count=options.count, max_steps=options.max_steps, callback=show)
+    if done.result == OUTCOMES.eigensolver_failed:
+        raise RuntimeError(OUTCOMES[done.result])
+    done.mesh.save(options.output)
+
+    k = options.count + 2
+    before, after = killing_fields(mesh, k), killing_fields(done.mesh, k)
+    console.print(_table(before, f"before ({name}: {_size(mesh)})"))
+    console.print(_table(after, "after"))
+    first, last = done.history[0], done.history[-1]
+    console.print(
+        f"moved by {last.rms_displacement:.3f} mean edges (RMS), smallest angle "
+        f"{first.smallest_angle:.1f}° → {last.smallest_angle:.1f}°, {last.evaluations} evaluations"
+    )
+    if done.result != OUTCOMES.successful:
+        console.print(OUTCOMES[done.result], style="yellow")
+    console.print(f"wrote {options.output}")
+
+    def draw(path: Path) -> None:
+        from .viz import Z_UP, render_before_after  # noqa: PLC0415
+
+        unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
+        (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(done.mesh, after)
+        titles = tuple(
+            f"{when}: λ₀·area = {float(fields.dimensionless[0]):.2g}"
+            for when, fields in (("before", before), ("after", after))
+        )
+        render_before_after(
+            path,
+            x0,
+            x1,
+            faces,
+            unit=unit,
+            vectors_before=field0[0],
+            vectors_after=field1[0],
+            titles=titles,
+            view=Z_UP if options.mesh is None else None,
+        )
+
+    drawn = _draw(draw, options.picture or options.output.with_suffix(".png"), options, console)
+    return {
+        "mesh": None if options.mesh is None else str(options.mesh),
+        "output": str(options.output),
+        "result": OUTCOMES[done.result] or "successful",
+        "evaluations": last.evaluations,
+        "rms_displacement_in_mean_edges": last.rms_displacement,
+        "smallest_angle_in_degrees": {"before": first.smallest_angle, "after": last.smallest_angle},
+        "before": _describe(mesh, before),
+        "after": _describe(done.mesh, after),
+        "history": [np.asarray(step.dimensionless).tolist() for step in done.history],
+        "picture": drawn,
+    }
+
+
+def _enable_float64_and_cache() -> None:
+    jax.config.update("jax_enable_x64", True)
+    caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    jax.config.update("jax_compilation_cache_dir", str(caches / "jaxkvf"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+def _check_writable(*paths: Path | None) -> None:
+    """Fails before the work, not after it, where a result could not be written."""
+    for path in paths:
+        if path is not None:
+            check_can_be_written(path)
+
+
+def _draw(draw: Any, path: Path, options: argparse.Namespace, console: "Console") -> str | None:
+    """Draws; where no picture was asked for by name, being unable to draw is a remark and no failure."""
+    if options.no_picture:
+        return None
+    try:
+        with console.status("drawing"):
+            draw(path)
+    except (ImportError, RuntimeError, OSError) as failure:
+        if options.picture is not None:
+            raise RuntimeError(f"no picture: {failure}") from failure
+        console.print(f"no picture: {failure}", style="yellow")
+        return None
+    console.print(f"wrote {path}")
+    return str(path)
+
+
+def _arrays(mesh: TriangleMesh, found: KillingFields) -> tuple[Any, Any, Any]:
+    return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(found.vectors)
+
+
+def _size(mesh: TriangleMesh) -> str:
+    return f"{mesh.topology.n_vertices:,} vertices, {mesh.topology.n_faces:,} faces"
+
+
+def _table(found: KillingFields, title: str) -> "Table":
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title=title, title_justify="left")
+    for column in ("field", "λ", "λ·area", "multiplicity", "residual"):
+        table.add_column(column, justify="right")
+    clusters = np.asarray(found.clusters)
+    rows = zip(
+        np.asarray(found.eigenvalues),
+        np.asarray(found.dimensionless),
+        clusters,
+        np.asarray(found.residuals),
+        strict=True,
+    )
+    for i, (value, dimensionless, cluster, residual) in enumerate(rows):
+        size = int((clusters == cluster).sum())
+        # The last cluster may go on beyond the fields that were asked for.
+        multiplicity = f"≥ {size}" if cluster == clusters[-1] else str(size)
+        table.add_row(str(i), f"{value:.6g}", f"{dimensionless:.6g}", multiplicity, f"{residual:.1e}")
+    return table
+
+
+def _describe(mesh: TriangleMesh, found: KillingFields) -> dict[str, Any]:
+    return {
+        "vertices": mesh.topology.n_vertices,
+        "faces": mesh.topology.n_faces,
+        "area": float(found.area),
+        "eigenvalues": np.asarray(found.eigenvalues).tolist(),
+        "eigenvalues_times_area": np.asarray(found.dimensionless).tolist(),
+        "clusters": np.asarray(found.clusters).tolist(),
+        "residuals": np.asarray(found.residuals).tolist(),
+    }
+
+
+def _first_paragraph(failure: BaseException) -> str:
+    """The message without the advice for debugging that a run-time error of compiled code appends."""
+    text = str(failure).strip() or type(failure).__name__
+    return text.split("\n\n")[0]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""A bare mesh."""
+
+import os
+
+import numpy as np
+from jaxtyping import Float, Integer
+
+from ..files import write_whole
+from ._camera import View, fit_camera
+from ._checks import checked_mesh, checked_size, png_path
+from ._colors import plain
+from ._material import STRONG
+from ._page import png_of
+from ._photo import Frame, Surface, photograph
+
+
+def render_mesh(
+    path: str | os.PathLike[str],
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Integer[np.ndarray, "F 3"],
+    *,
+    size: tuple[int, int] = (1200, 900),
+    view: View | None = None,
+    smooth: bool = True,
+) -> None:
+    """Write a picture of a mesh, grey on white, as large as fits.
+
+    Args:
+        path: the PNG file to write; an older one is replaced.
+        vertices: positions, of any size and place.
+        faces: vertex indices, counter-clockwise.
+        size: width and height in pixels.
+        view: (direction from the mesh to the camera, up); `None` is `Y_UP`.
+        smooth: shade with vertex normals; `False` shows the facets.
+
+    Raises:
+        ValueError: the mesh, the size or the view cannot be drawn.
+        FileNotFoundError: the file's folder does not exist.
+        ImportError: the extra `jaxkvf[viz]` is not installed.
+        RuntimeError: off-screen rendering is not available; the message says what mends it.
+    """
+    target, size = png_path(path), checked_size(size)
+    vertices, faces = checked_mesh(vertices, faces)
+    placed = Frame.around(vertices[faces.ravel()])(vertices)
+    camera = fit_camera(placed[faces.ravel()], size, view)
+    pixels = photograph([Surface(placed, faces, plain(len(placed)), smooth, STRONG)], camera, size)
+    write_whole(target, png_of(pixels))
