@@ -50,7 +50,8 @@ def killing_fields(
     Args:
         mesh: the surface, with or without boundary.
         k: number of fields.
-        discretization: `"regge"` (vertex vectors, the default) or `"dec"` (the paper's 1-forms; needs a Delaunay mesh).
+        discretization: `"regge"` (vertex vectors, the default) or `"dec"` (the paper's 1-forms, on the intrinsic Delaunay
+            triangulation).
         solver: eigensolver; by default chosen by size.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 

@@ -73,6 +73,11 @@ class SymmetricBlockOperator(lx.AbstractLinearOperator):
     """Symmetric blocks."""
     upper: Float[Array, "m b b"]
     edges: Int[Array, "m 2"]
+    row_order: Int[Array, " rows"] | None = None
+    """The edges seen from their tails (e) and from their heads (m + e), by the node they are seen from.
+
+    Where it is known it saves fast products a sort.
+    """
 
     @property
     def block_size(self) -> int:
@@ -81,7 +86,7 @@ class SymmetricBlockOperator(lx.AbstractLinearOperator):
     def mv(self, vector: Float[Array, " nb"]) -> Float[Array, " nb"]:
         return matmat(self, vector[:, None])[:, 0]
 
-    def as_matrix(self) -> Float[Array, "n*b nb"]:
+    def as_matrix(self) -> Float[Array, "nb nb"]:
         return matmat(self, jnp.eye(self.in_size(), dtype=self.diagonal.dtype))
 
     def transpose(self) -> "SymmetricBlockOperator":
@@ -120,6 +125,26 @@ def matmat(operator: lx.AbstractLinearOperator, block: Float[Array, "n k"]) -> F
 
 
 @matmat.register
+def _(operator: lx.TaggedLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return matmat(operator.operator, block)
+
+
+@matmat.register
+def _(operator: lx.MulLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return matmat(operator.operator, block) * operator.scalar
+
+
+@matmat.register
+def _(operator: lx.AddLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return matmat(operator.operator1, block) + matmat(operator.operator2, block)
+
+
+@matmat.register
+def _(operator: lx.ComposedLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return matmat(operator.operator1, matmat(operator.operator2, block))
+
+
+@matmat.register
 def _(operator: SymmetricBlockOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
     n, b, _ = operator.diagonal.shape
     x = block.reshape(n, b, -1)
@@ -146,7 +171,9 @@ def to_scipy(operator: lx.AbstractLinearOperator) -> sp.csr_array:
 def _(operator: RowSparseOperator) -> sp.csr_array:
     columns, values = np.asarray(operator.columns), np.asarray(operator.values)
     rows = np.repeat(np.arange(columns.shape[0]), columns.shape[1])
-    return sp.csr_array((values.ravel(), (rows, columns.ravel())), shape=(columns.shape[0], operator.n_columns))
+    return sp.csr_array(
+        (values.ravel(), (rows, columns.ravel())), shape=(columns.shape[0], operator.n_columns)
+    )
 
 
 @to_scipy.register

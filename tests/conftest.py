@@ -21,5 +21,6 @@ def real_mesh_folder() -> Path:
     default = Path(__file__).resolve().parents[2] / "shared" / "meshes"
     folder = Path(os.environ.get("JAXKVF_MESHES", default))
     if not any(folder.glob("*.obj")):
-        pytest.skip(f"no meshes in {folder}: set JAXKVF_MESHES to a folder of OBJ files")
+        reason = f"no meshes in {folder}: set JAXKVF_MESHES to a folder of OBJ files"
+        pytest.fail(reason) if os.environ.get("CI") == "true" else pytest.skip(reason)
     return folder

@@ -40,7 +40,9 @@ def test_areas_add_up_and_gauss_bonnet_holds(name):
 
 def test_angles_and_cotangents_of_a_known_triangle():
     lengths, topology = one_triangle([0, 0, 0], [1, 0, 0], [0, 1, 0])
-    np.testing.assert_allclose(g.corner_angles(lengths, topology), [[np.pi / 2, np.pi / 4, np.pi / 4]], rtol=1e-15)
+    np.testing.assert_allclose(
+        g.corner_angles(lengths, topology), [[np.pi / 2, np.pi / 4, np.pi / 4]], rtol=1e-15
+    )
     np.testing.assert_allclose(g.corner_cotangents(lengths, topology), [[0, 1, 1]], atol=1e-15)
     np.testing.assert_allclose(g.face_areas(lengths, topology), [0.5], rtol=1e-15)
 
@@ -87,7 +89,9 @@ def test_vertex_areas_on_a_regular_hexagon():
 def test_boundary_of_a_disk_turns_once():
     mesh = shapes.disk(6)
     lengths = g.edge_lengths(mesh.vertices, mesh.topology)
-    np.testing.assert_allclose(float(g.geodesic_curvatures(lengths, mesh.topology).sum()), 2 * np.pi, rtol=1e-12)
+    np.testing.assert_allclose(
+        float(g.geodesic_curvatures(lengths, mesh.topology).sum()), 2 * np.pi, rtol=1e-12
+    )
     np.testing.assert_allclose(g.angle_defects(lengths, mesh.topology), 0, atol=1e-12)
 
 
@@ -116,9 +120,10 @@ def test_transport_around_a_face_turns_by_its_curvature():
     turn = np.asarray(g.transport_angles(lengths, t))
     signed = np.asarray(t.face_edge_signs) * turn[np.asarray(t.face_edges)]
     holonomy = np.exp(1j * signed.sum(1))
-    scaled = np.asarray(g.corner_angles(lengths, t)) * (2 * np.pi / np.asarray(g.cone_angles(lengths, t)))[
-        np.asarray(t.faces)
-    ]
+    scaled = (
+        np.asarray(g.corner_angles(lengths, t))
+        * (2 * np.pi / np.asarray(g.cone_angles(lengths, t)))[np.asarray(t.faces)]
+    )
     np.testing.assert_allclose(holonomy, np.exp(1j * (scaled.sum(1) - np.pi)), atol=1e-10)
     assert abs(scaled.sum() - np.pi * t.n_faces - 4 * np.pi) < 1e-9  # face curvatures add up to 2πχ
 
@@ -142,7 +147,9 @@ def test_ambient_frames_are_orthonormal_and_tangent():
     frames = np.asarray(g.vertex_frames(mesh.vertices, mesh.topology))
     normals = np.asarray(g.vertex_normals(mesh.vertices, mesh.topology))
     full = np.concatenate([frames, normals[:, None]], axis=1)
-    np.testing.assert_allclose(full @ full.transpose(0, 2, 1), np.eye(3)[None].repeat(len(full), 0), atol=1e-13)
+    np.testing.assert_allclose(
+        full @ full.transpose(0, 2, 1), np.eye(3)[None].repeat(len(full), 0), atol=1e-13
+    )
     np.testing.assert_allclose(np.linalg.det(full), 1, rtol=1e-12)
 
 

@@ -59,7 +59,9 @@ def test_incidences_agree_with_each_other(name):
     tail = np.where(np.asarray(t.face_edge_signs) > 0, 0, 1)
     ends = edges[np.asarray(t.face_edges)]
     np.testing.assert_array_equal(np.take_along_axis(ends, tail[..., None], 2)[..., 0], faces)
-    np.testing.assert_array_equal(np.take_along_axis(ends, 1 - tail[..., None], 2)[..., 0], np.roll(faces, -1, 1))
+    np.testing.assert_array_equal(
+        np.take_along_axis(ends, 1 - tail[..., None], 2)[..., 0], np.roll(faces, -1, 1)
+    )
     assert (edges[:, 0] < edges[:, 1]).all()
     left, right = np.asarray(t.edge_faces).T
     assert (np.asarray(t.face_edges)[left[left >= 0]] == np.flatnonzero(left >= 0)[:, None]).any(1).all()
@@ -108,9 +110,7 @@ def test_relabelling_and_corner_rotation_change_nothing(seed):
     shift = rng.integers(0, 3, len(other))
     other = np.take_along_axis(other, (np.arange(3) + shift[:, None]) % 3, axis=1)
     one, two = mesh.topology, Topology.from_faces(other)
-    np.testing.assert_array_equal(
-        np.asarray(two.vertex_degrees)[number], np.asarray(one.vertex_degrees)
-    )
+    np.testing.assert_array_equal(np.asarray(two.vertex_degrees)[number], np.asarray(one.vertex_degrees))
     as_sets = {frozenset(e) for e in number[np.asarray(one.edges)].tolist()}
     assert as_sets == {frozenset(e) for e in np.asarray(two.edges).tolist()}
     rings_one, rings_two = one.vertex_rings(), two.vertex_rings()
@@ -153,7 +153,11 @@ MISTAKES = {
         np.array([[0, 1, 3], [0, 2, 1]]),
         r"degenerate face 1: zero area",
     ),
-    "an index too large": (CORNERS, TETRAHEDRON + 1, r"faces 1, 2, 3: vertex index out of range 0…3 .*count from 0"),
+    "an index too large": (
+        CORNERS,
+        TETRAHEDRON + 1,
+        r"faces 1, 2, 3: vertex index out of range 0…3 .*count from 0",
+    ),
     "a negative index": (CORNERS, np.array([[0, 1, -1]]), r"face 0: vertex index out of range"),
     "an unreferenced vertex": (
         np.concatenate([CORNERS, [[9.0, 9, 9]]]),
@@ -165,7 +169,11 @@ MISTAKES = {
         TETRAHEDRON,
         r"vertex 2: position is not finite",
     ),
-    "infinity": (np.where(np.arange(4)[:, None] == 1, np.inf, CORNERS), TETRAHEDRON, r"vertex 1: position is not"),
+    "infinity": (
+        np.where(np.arange(4)[:, None] == 1, np.inf, CORNERS),
+        TETRAHEDRON,
+        r"vertex 1: position is not",
+    ),
     "no faces": (CORNERS, np.zeros((0, 3), int), r"no faces"),
     "no vertices": (np.zeros((0, 3)), TETRAHEDRON, r"no vertices"),
     "quads": (CORNERS, np.array([[0, 1, 2, 3]]), r"quads: triangulate them first"),

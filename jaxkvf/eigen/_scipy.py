@@ -4,9 +4,10 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from threadpoolctl import threadpool_limits
 
@@ -42,36 +43,32 @@ class ScipyEigsh(AbstractEigensolver):
         arrays, structure = eqx.partition((problem, guess), eqx.is_array)
 
         def on_host(arrays: Any) -> _Found:
-            problem, guess = eqx.combine(arrays, structure)
-            return self._solve(problem, k, guess)
+            return self._solve(*eqx.combine(arrays, structure), k)
 
-        dtype = problem.dtype
-        shapes = _Found(
-            eigenvalues=jax.ShapeDtypeStruct((k,), dtype),
-            eigenvectors=jax.ShapeDtypeStruct((problem.size, k), dtype),
-            residuals=jax.ShapeDtypeStruct((k,), dtype),
-            outcome=jax.ShapeDtypeStruct((), np.int32),
-            solves=jax.ShapeDtypeStruct((), np.int32),
-            factorizations=jax.ShapeDtypeStruct((), np.int32),
-        )
-        found = jax.pure_callback(on_host, shapes, arrays, vmap_method="sequential")
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays)):
+            shapes = jax.tree.map(
+                lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), _Found.empty(problem.size, k, problem.dtype)
+            )
+            found = jax.pure_callback(on_host, shapes, arrays, vmap_method="sequential")
+        else:  # called outside of jit: no need to compile a callback, and errors arrive undisguised
+            found = jax.tree.map(jnp.asarray, on_host(arrays))
         result = RESULTS.successful
         for number, failure in enumerate(_FAILURES, start=1):
             result = RESULTS.where(found.outcome == number, failure, result)
         stats = {"solves": found.solves, "factorizations": found.factorizations}
         return EigenSolution(found.eigenvalues, found.eigenvectors, found.residuals, result, stats)
 
-    def _solve(self, problem: GeneralizedEigenproblem, k: int, guess: np.ndarray | None) -> "_Found":
+    def _solve(self, problem: GeneralizedEigenproblem, guess: Array | None, k: int) -> "_Found":
         A, B = (sp.csc_array(to_scipy(operator), dtype=np.float64) for operator in (problem.A, problem.B))
         n, dtype = problem.size, np.dtype(problem.dtype)
         if not (np.isfinite(A.data).all() and np.isfinite(B.data).all()):
-            return _Found.failed(n, k, dtype, RESULTS.nonfinite_input)
+            return _Found.empty(n, k, dtype, _number(RESULTS.nonfinite_input))
         with threadpool_limits(
             1, user_api="blas"
-        ):  # ARPACK's products are small; BLAS threads only get in the way
+        ):  # ARPACK's products are small: threads only get in the way
             placed = _shifted_inverse(A, B, self.factorization)
             if placed is None:
-                return _Found.failed(n, k, dtype, RESULTS.indefinite_mass)
+                return _Found.empty(n, k, dtype, _number(RESULTS.indefinite_mass))
             shift, solve, factorizations = placed
             solves = 0
 
@@ -81,7 +78,10 @@ class ScipyEigsh(AbstractEigensolver):
                 return solve(x)
 
             random = np.random.default_rng(self.seed).standard_normal(n)
-            start = random if guess is None else np.asarray(guess, np.float64).sum(axis=1)
+            start = random
+            if guess is not None:  # never alone: Lanczos breaks down on an exactly invariant subspace
+                near = np.asarray(guess, np.float64).sum(axis=1)
+                start = near + 1e-6 * np.linalg.norm(near) / np.sqrt(n) * random
             inverse = LinearOperator((n, n), matvec=counted_solve, dtype=np.float64)  # pyright: ignore[reportCallIssue]
             outcome = 0
             try:
@@ -97,7 +97,7 @@ class ScipyEigsh(AbstractEigensolver):
                     OPinv=inverse,
                 )
             except ArpackNoConvergence as stopped:
-                outcome = 1 + _FAILURES.index(RESULTS.max_steps_reached)
+                outcome = _number(RESULTS.max_steps_reached)
                 values = np.full(k, np.nan)
                 vectors = np.full((n, k), np.nan)
                 count = len(stopped.eigenvalues)
@@ -111,9 +111,9 @@ class ScipyEigsh(AbstractEigensolver):
             values.astype(dtype),
             vectors.astype(dtype),
             residuals.astype(dtype),
-            np.int32(outcome),
-            np.int32(solves),
-            np.int32(factorizations),
+            np.asarray(outcome, np.int32),
+            np.asarray(solves, np.int32),
+            np.asarray(factorizations, np.int32),
         )
 
 
@@ -121,22 +121,30 @@ _FAILURES = (RESULTS.max_steps_reached, RESULTS.nonfinite_input, RESULTS.indefin
 _MOST_SHIFTS = 24
 
 
+def _number(result: RESULTS) -> int:
+    """A failure as a number, since enumerations do not cross callbacks."""
+    return 1 + _FAILURES.index(result)
+
+
 class _Found(NamedTuple):
     """What crosses the callback."""
 
-    eigenvalues: np.ndarray | Array | jax.ShapeDtypeStruct
-    eigenvectors: np.ndarray | Array | jax.ShapeDtypeStruct
-    residuals: np.ndarray | Array | jax.ShapeDtypeStruct
-    outcome: np.int32 | Array | jax.ShapeDtypeStruct
+    eigenvalues: Array | np.ndarray
+    eigenvectors: Array | np.ndarray
+    residuals: Array | np.ndarray
+    outcome: Array | np.ndarray
     """0 for success, i for `_FAILURES[i − 1]`."""
-    solves: np.int32 | Array | jax.ShapeDtypeStruct
-    factorizations: np.int32 | Array | jax.ShapeDtypeStruct
+    solves: Array | np.ndarray
+    factorizations: Array | np.ndarray
 
     @classmethod
-    def failed(cls, n: int, k: int, dtype: np.dtype, result: RESULTS) -> "_Found":
+    def empty(cls, n: int, k: int, dtype: DTypeLike, outcome: int = 0) -> "_Found":
+        """Nothing found."""
+        zero = np.zeros((), np.int32)
         nothing = np.full(k, np.nan, dtype)
-        outcome = np.int32(1 + _FAILURES.index(result))
-        return cls(nothing, np.full((n, k), np.nan, dtype), nothing, outcome, np.int32(0), np.int32(0))
+        return cls(
+            nothing, np.full((n, k), np.nan, dtype), nothing, zero + np.asarray(outcome, np.int32), zero, zero
+        )
 
 
 def _shifted_inverse(

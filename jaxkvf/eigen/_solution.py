@@ -14,6 +14,10 @@ class RESULTS(eqx.Enumeration):
         "The eigensolver stopped at its maximum number of steps before all residuals reached the tolerance. "
         "Raise `max_steps`, loosen the tolerance, or pass another solver; `throw=False` returns the best found."
     )
+    stagnated = (
+        "The residuals stopped falling before they reached the tolerance. Loosen it if rounding stands in its way (or use "
+        "float64), pass another preconditioner (this one may not be positive definite, or not finite), or use ScipyEigsh."
+    )
     nonfinite_input = (
         "The matrices of the eigenproblem hold NaN or infinity. "
         "Check the positions: triangles of zero area or NaN coordinates give such matrices."
@@ -32,7 +36,7 @@ class EigenSolution(eqx.Module):
     eigenvectors: Float[Array, "n k"]
     """Columns, orthonormal in B. Not differentiable: differentiating them is an error."""
     residuals: Float[Array, " k"]
-    """‖A x − λ B x‖ / (‖A‖ ‖x‖) of each pair, ‖A‖ the largest absolute row sum."""
+    """‖A x − λ B x‖₂ / (‖A‖₂ ‖x‖₂) of each pair, ‖A‖₂ estimated from below within a few per cent."""
     result: RESULTS
     stats: dict[str, Any]
     """Counts of work done, by name; what is counted depends on the solver."""

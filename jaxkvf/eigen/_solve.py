@@ -75,7 +75,12 @@ def _(primals, tangents):
         return matmat(problem.A, x), matmat(problem.B, x)
 
     _, (dA_x, dB_x) = eqx.filter_jvp(products, (problem,), (d_problem,))
-    return eigenvalues, (x * (dA_x - dB_x * eigenvalues[None, :])).sum(axis=0)
+    derivative = jnp.zeros_like(eigenvalues)
+    if dA_x is not None:  # None: does not depend on what is differentiated
+        derivative = derivative + (x * dA_x).sum(axis=0)
+    if dB_x is not None:
+        derivative = derivative - eigenvalues * (x * dB_x).sum(axis=0)
+    return eigenvalues, derivative
 
 
 def cluster_labels(

@@ -8,7 +8,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..geometry import corner_angles, edge_directions, face_areas, spoke_angles, unit_vectors
+from ..geometry import (
+    barycentric_vertex_areas,
+    cone_angles,
+    corner_angles,
+    edge_directions,
+    face_areas,
+    rotations,
+    spoke_angles,
+    unit_vectors,
+)
 from ..mesh import Topology
 
 
@@ -21,8 +30,12 @@ def flat(vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: To
 
 @jax.jit
 def sharp(form: Float[Array, " E"], lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "V 2"]:
-    """Vertex field of a 1-form: at each vertex the vector whose components along the spokes fit best (least squares)."""
-    sign = jnp.where(topology.edges[topology.spoke_edges, 0] == topology.spoke_vertices, 1.0, -1.0)
+    """Vertex field of a 1-form: at each vertex the vector whose components along the spokes fit best (least squares).
+
+    One or two spokes, which an inner vertex of an intrinsic triangulation may have, do not determine a vector; there it is
+    the mean over the faces around.
+    """
+    sign = jnp.where(topology.is_tail_spoke, 1.0, -1.0)
     along = sign * (form / lengths)[topology.spoke_edges]
     direction = unit_vectors(spoke_angles(lengths, topology))
 
@@ -31,18 +44,48 @@ def sharp(form: Float[Array, " E"], lengths: Float[Array, " E"], topology: Topol
 
     (x, y), (right_x, right_y) = direction.T, around_vertices(direction * along[:, None]).T
     xx, xy, yy = around_vertices(jnp.stack([x * x, x * y, y * y], axis=1)).T
-    determinant = xx * yy - xy * xy
-    return (
+    undetermined = (topology.vertex_degrees < 3) & ~topology.is_boundary_vertex
+    determinant = jnp.where(undetermined, 1.0, xx * yy - xy * xy)
+    fitted = (
         jnp.stack([yy * right_x - xy * right_y, xx * right_y - xy * right_x], axis=1) / determinant[:, None]
     )
+    return jnp.where(undetermined[:, None], _mean_over_faces(form, lengths, topology), fitted)
+
+
+def _mean_over_faces(
+    form: Float[Array, " E"], lengths: Float[Array, " E"], topology: Topology
+) -> Float[Array, "V 2"]:
+    """The vectors `sharp_faces` averaged around each vertex with the faces' areas, in the frame of the vertex.
+
+    Rescaling stretches a corner's angle; a face is laid into it along the bisector.
+    """
+    angle, area = corner_angles(lengths, topology), face_areas(lengths, topology)
+    forward = topology.face_edge_signs > 0
+    outgoing = jnp.where(
+        forward, topology.edge_spokes[topology.face_edges, 0], topology.edge_spokes[topology.face_edges, 1]
+    )
+    stretch = jnp.where(topology.is_boundary_vertex, 1.0, 2 * jnp.pi / cone_angles(lengths, topology))
+    in_vertex = spoke_angles(lengths, topology)[outgoing] + 0.5 * stretch[topology.faces] * angle
+    in_face = _face_side_headings(lengths, topology) + 0.5 * angle
+    turned = jnp.einsum(
+        "fcij,fj->fci", rotations(in_vertex - in_face), sharp_faces(form, lengths, topology) * area[:, None]
+    )
+    total = jax.ops.segment_sum(
+        turned.reshape(-1, 2), topology.faces.ravel(), num_segments=topology.n_vertices
+    )
+    return total / (3 * barycentric_vertex_areas(lengths, topology)[:, None])
+
+
+def _face_side_headings(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3"]:
+    """Direction of each side of each face, counter-clockwise, as an angle from its first side. Radians."""
+    turn = jnp.pi - jnp.roll(corner_angles(lengths, topology), -1, axis=1)  # from side s to side s + 1
+    return jnp.cumsum(turn, axis=1) - turn
 
 
 @jax.jit
 def face_side_directions(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3 2"]:
     """Unit tangent of each side of each face, counter-clockwise, in the face's frame."""
-    turn = jnp.pi - jnp.roll(corner_angles(lengths, topology), -1, axis=1)  # from side s to side s + 1
-    heading = jnp.cumsum(turn, axis=1) - turn
-    return unit_vectors(heading)
+    return unit_vectors(_face_side_headings(lengths, topology))
 
 
 @jax.jit

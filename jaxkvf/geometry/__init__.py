@@ -6,6 +6,9 @@ from ._ambient import face_normals as face_normals
 from ._ambient import project as project
 from ._ambient import vertex_frames as vertex_frames
 from ._ambient import vertex_normals as vertex_normals
+from ._delaunay import IntrinsicDelaunay as IntrinsicDelaunay
+from ._delaunay import delaunay_tolerance as delaunay_tolerance
+from ._delaunay import intrinsic_delaunay as intrinsic_delaunay
 from ._duals import angle_defects as angle_defects
 from ._duals import barycentric_vertex_areas as barycentric_vertex_areas
 from ._duals import circumcentric_vertex_areas as circumcentric_vertex_areas

@@ -9,12 +9,14 @@ from ._metric import edge_lengths
 from ._tangent import spoke_angles, unit_vectors
 
 
+@jax.jit
 def face_normals(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "F 3"]:
     """Unit normal of each face, outward for counter-clockwise faces."""
     normal = _face_area_vectors(vertices, topology)
     return normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
 
 
+@jax.jit
 def vertex_normals(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "V 3"]:
     """Unit normal at each vertex: the faces' normals averaged with their areas."""
     normal = _face_area_vectors(vertices, topology)
@@ -28,6 +30,7 @@ def _face_area_vectors(vertices: Float[Array, "V 3"], topology: Topology) -> Flo
     return 0.5 * jnp.cross(b - a, c - a)
 
 
+@jax.jit
 def vertex_frames(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "V 2 3"]:
     """Orthonormal axes in R³ of the intrinsic polar frame at each vertex, tangent to the surface.
 
@@ -47,23 +50,28 @@ def vertex_frames(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Ar
     cos, sin = unit_vectors(spoke_angles(edge_lengths(vertices, topology), topology)).T
     # The rotation R that maximises Σ ⟨(x, y), R d⟩ over the spokes has the phase of Σ (x + iy) conj(d).
     fit = jax.ops.segment_sum(
-        jnp.stack([x * cos + y * sin, y * cos - x * sin], axis=1), spoke_vertex, num_segments=topology.n_vertices
+        jnp.stack([x * cos + y * sin, y * cos - x * sin], axis=1),
+        spoke_vertex,
+        num_segments=topology.n_vertices,
     )
     fit = fit / jnp.linalg.norm(fit, axis=1, keepdims=True)
     c, s = fit[:, :1], fit[:, 1:]
     return jnp.stack([c * first + s * second, c * second - s * first], axis=1)
 
 
+@jax.jit
 def embed(coefficients: Float[Array, "*k V 2"], frames: Float[Array, "V 2 3"]) -> Float[Array, "*k V 3"]:
     """Intrinsic vectors at vertices as vectors in R³."""
     return jnp.einsum("...vc,vcd->...vd", coefficients, frames)
 
 
+@jax.jit
 def project(vectors: Float[Array, "*k V 3"], frames: Float[Array, "V 2 3"]) -> Float[Array, "*k V 2"]:
     """Components of vectors in R³ in the intrinsic frames; the normal part is dropped. Inverse of `embed`."""
     return jnp.einsum("...vd,vcd->...vc", vectors, frames)
 
 
+@jax.jit
 def face_frames(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "F 2 3"]:
     """Orthonormal axes of each face in R³: along its first side, and a quarter turn counter-clockwise from it."""
     a, b = vertices[topology.faces[:, 0]], vertices[topology.faces[:, 1]]

@@ -1,17 +1,20 @@
 """Lengths, areas and angles: everything intrinsic starts from the edge lengths."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mesh import Topology
 
 
+@jax.jit
 def edge_lengths(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, " E"]:
     """Length of each edge. Unit: length."""
     tail, head = vertices[topology.edges[:, 0]], vertices[topology.edges[:, 1]]
     return jnp.linalg.norm(head - tail, axis=1)
 
 
+@jax.jit
 def mean_edge_length(lengths: Float[Array, " E"]) -> Float[Array, ""]:
     """Mean over the edges: the unit in which noise and displacements are given. Unit: length."""
     return lengths.mean()
@@ -33,30 +36,44 @@ def _sorted_three(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
     return a, b, c
 
 
-def face_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
-    """Area of each face by Kahan's formula, accurate to rounding for thin triangles. Unit: length².
+@jax.jit
+def triangle_areas(a: Float[Array, " n"], b: Float[Array, " n"], c: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Areas of triangles with these sides by Kahan's formula, accurate to rounding for thin ones. Unit: length².
 
     NaN where three lengths break the triangle inequality: nothing is clamped.
 
     Reference: W. Kahan, Miscalculating Area and Angles of a Needle-like Triangle (2014), §2.
     """
-    a, b, c = _sorted_three(*lengths[topology.face_edges].T)
+    a, b, c = _sorted_three(a, b, c)
     return 0.25 * jnp.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))
 
 
+@jax.jit
+def face_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
+    """Area of each face, accurate to rounding for thin ones; NaN where lengths break the triangle inequality.
+
+    Unit: length².
+    """
+    return triangle_areas(*lengths[topology.face_edges].T)
+
+
+@jax.jit
 def corner_cotangents(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3"]:
     """Cotangent of the angle at each corner: (b² + c² − a²) / (4 area), a opposite. Dimensionless."""
     area = face_areas(lengths, topology)
     return _twice_dot_products(lengths, topology) / (4 * area[:, None])
 
 
+@jax.jit
 def corner_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3"]:
     """Interior angle at each corner, in (0, π). Radians.
 
     By atan2 of twice the cross and twice the dot product of the two sides: no loss near 0 and π, unlike acos.
     """
     area = face_areas(lengths, topology)
-    return jnp.arctan2(jnp.broadcast_to(4 * area[:, None], (area.shape[0], 3)), _twice_dot_products(lengths, topology))
+    return jnp.arctan2(
+        jnp.broadcast_to(4 * area[:, None], (area.shape[0], 3)), _twice_dot_products(lengths, topology)
+    )
 
 
 def _twice_dot_products(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3"]:
@@ -67,6 +84,7 @@ def _twice_dot_products(lengths: Float[Array, " E"], topology: Topology) -> Floa
     return (longer - opposite) * (longer + opposite) + shorter * shorter
 
 
+@jax.jit
 def surface_area(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, ""]:
     """Total area. Unit: length²."""
     return face_areas(lengths, topology).sum()

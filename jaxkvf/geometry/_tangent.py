@@ -4,6 +4,7 @@ A tangent vector at a vertex is two numbers in the vertex's own frame, whose fir
 angles from that spoke: around an interior vertex the cone angle is rescaled to 2π, at a boundary vertex it is kept.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -12,6 +13,7 @@ from ._duals import cone_angles
 from ._metric import corner_angles
 
 
+@jax.jit
 def spoke_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " S"]:
     """Polar angle of each spoke in the frame of its vertex; the first spoke's is 0. Radians, counter-clockwise.
 
@@ -19,7 +21,9 @@ def spoke_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array
     out first, so that the running total returns to zero at each vertex and nothing is lost to cancellation.
     """
     corner = topology.spoke_corners
-    turn = jnp.where(corner < 0, 0.0, corner_angles(lengths, topology).ravel()[corner])  # from this spoke to the next
+    turn = jnp.where(
+        corner < 0, 0.0, corner_angles(lengths, topology).ravel()[corner]
+    )  # from this spoke to the next
     vertex = topology.spoke_vertices
     total = cone_angles(lengths, topology)
     mean = total / topology.vertex_degrees.astype(lengths.dtype)
@@ -32,34 +36,40 @@ def spoke_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array
     return scale[vertex] * unscaled
 
 
+@jax.jit
 def edge_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "E 2"]:
     """Polar angle of each edge as seen from its tail and from its head (both pointing along the edge, away). Radians."""
     return spoke_angles(lengths, topology)[topology.edge_spokes]
 
 
+@jax.jit
 def unit_vectors(angles: Float[Array, "*shape"]) -> Float[Array, "*shape 2"]:
     """(cos, sin) of each angle."""
     return jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
 
 
+@jax.jit
 def edge_directions(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "E 2 2"]:
     """Unit tangent of each edge, tail towards head, in the frame of its tail `[:, 0]` and of its head `[:, 1]`."""
     outward = unit_vectors(edge_angles(lengths, topology))
     return outward * jnp.asarray([1.0, -1.0], lengths.dtype)[None, :, None]
 
 
+@jax.jit
 def transport_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " E"]:
     """Rotation that carries components from the tail's frame to the head's, along each edge. Radians."""
     at_tail, at_head = edge_angles(lengths, topology).T
     return at_head + jnp.pi - at_tail
 
 
+@jax.jit
 def rotations(angles: Float[Array, "*shape"]) -> Float[Array, "*shape 2 2"]:
     """Rotation matrix by each angle, counter-clockwise."""
     cos, sin = jnp.cos(angles), jnp.sin(angles)
     return jnp.stack([jnp.stack([cos, -sin], -1), jnp.stack([sin, cos], -1)], -2)
 
 
+@jax.jit
 def transport(
     vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
 ) -> Float[Array, "E 2 2"]:

@@ -27,13 +27,18 @@ def discretization_named(discretization: str | AbstractDiscretization) -> Abstra
 
 def _intrinsic(mesh: TriangleMesh, vectors: Float[Array, "V 3"]) -> Float[Array, "V 2"]:
     if vectors.shape != mesh.vertices.shape:
-        raise ValueError(f"vectors must have shape [{mesh.vertices.shape[0]}, 3], one a vertex, got {list(vectors.shape)}")
+        raise ValueError(
+            f"vectors must have shape [{mesh.vertices.shape[0]}, 3], one a vertex, got {list(vectors.shape)}"
+        )
     return project(vectors, vertex_frames(mesh.vertices, mesh.topology))
 
 
 @eqx.filter_jit
 def killing_energy(
-    mesh: TriangleMesh, vectors: Float[Array, "V 3"], *, discretization: str | AbstractDiscretization = "regge"
+    mesh: TriangleMesh,
+    vectors: Float[Array, "V 3"],
+    *,
+    discretization: str | AbstractDiscretization = "regge",
 ) -> Float[Array, ""]:
     """E_K(U) = ∫‖KU‖² of a vertex field in R³ (its normal part is dropped); λ is this for a unit-norm field.
 

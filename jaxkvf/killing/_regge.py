@@ -31,7 +31,7 @@ from ._discretization import AbstractDiscretization
 
 
 class Regge(AbstractDiscretization):
-    """Tangent vectors at vertices, two unknowns each: positive semi-definite, fourth-order λ₀ on smooth meshes, any boundary."""
+    """Tangent vectors at vertices, two unknowns each: positive semi-definite, λ₀ of fourth order, any boundary."""
 
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
         return GeneralizedEigenproblem(_stiffness(lengths, topology), vector_mass(lengths, topology))
@@ -105,7 +105,10 @@ def _stiffness(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBloc
 
     def block(a: int, b: int) -> Float[Array, "F 2 2"]:
         """Rows of corner a, columns of corner b."""
-        left = products[:, a, b, None] * at_start[:, b] + jnp.roll(products, 1, axis=2)[:, a, b, None] * at_end[:, b]
+        left = (
+            products[:, a, b, None] * at_start[:, b]
+            + jnp.roll(products, 1, axis=2)[:, a, b, None] * at_end[:, b]
+        )
         right = end_start[:, a, b, None] * at_start[:, b] + end_end[:, a, b, None] * at_end[:, b]
         return at_start[:, a, :, None] * left[:, None, :] + at_end[:, a, :, None] * right[:, None, :]
 

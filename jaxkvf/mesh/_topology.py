@@ -17,8 +17,12 @@ class Topology(eqx.Module):
     """Edges, incidences and counter-clockwise one-rings of an oriented manifold triangle mesh.
 
     Halfedge `3 f + c` runs along face `f` from its corner `c` to corner `c + 1`; the *corner* of the same number is the
-    one it starts at. Edges run from their smaller to their larger vertex. A *spoke* is an edge seen from one of its ends:
-    the spokes of a vertex are stored in counter-clockwise order, starting on the boundary where there is one.
+    one it starts at. A *spoke* is an edge seen from one of its ends: the spokes of a vertex are stored in counter-clockwise
+    order, starting on the boundary where there is one.
+
+    Built from the faces of a mesh, edges run from their smaller to their larger vertex. In an intrinsic triangulation, whose
+    edges are geodesics, several may join the same two vertices, or a vertex to itself; nothing here tells edges apart by
+    their ends, and neither should its users.
 
     All arrays are int32; the module is a pytree, so it crosses `jit` and `vmap` as data. Build it with `from_faces`.
     """
@@ -26,7 +30,7 @@ class Topology(eqx.Module):
     faces: Int[Array, "F 3"]
     """Corners of each face, counter-clockwise."""
     edges: Int[Array, "E 2"]
-    """Tail and head of each edge, tail < head, in lexicographic order."""
+    """Tail and head of each edge. Built from faces: tail < head, in lexicographic order."""
     face_edges: Int[Array, "F 3"]
     """Edge under each halfedge of a face."""
     face_edge_signs: Int[Array, "F 3"]
@@ -100,6 +104,12 @@ class Topology(eqx.Module):
         """Vertex that owns each spoke."""
         vertices = jnp.arange(self.n_vertices, dtype=self.spoke_starts.dtype)
         return jnp.repeat(vertices, self.vertex_degrees, total_repeat_length=2 * self.n_edges)
+
+    @property
+    def is_tail_spoke(self) -> Bool[Array, " S"]:
+        """Whether each spoke leaves the tail of its edge, rather than the head."""
+        spoke = jnp.arange(2 * self.n_edges, dtype=self.edge_spokes.dtype)
+        return self.edge_spokes[self.spoke_edges, 0] == spoke
 
     def vertex_rings(self) -> Int[np.ndarray, "V D"]:
         """Neighbours of each vertex counter-clockwise, padded with −1 to the largest degree D. On the host."""

@@ -31,12 +31,18 @@ def checked_faces(faces: object, n_vertices: int) -> Int[np.ndarray, "F 3"]:
     if array.size == 0:
         raise MeshError("the mesh has no faces; at least one triangle is needed")
     if array.ndim != 2 or array.shape[1] != 3:
-        remedy = "; the faces are quads: triangulate them first" if array.ndim == 2 and array.shape[1] == 4 else ""
-        raise MeshError(f"faces must be an integer array of shape [F, 3], got shape {list(array.shape)}{remedy}")
+        remedy = (
+            "; the faces are quads: triangulate them first" if array.ndim == 2 and array.shape[1] == 4 else ""
+        )
+        raise MeshError(
+            f"faces must be an integer array of shape [F, 3], got shape {list(array.shape)}{remedy}"
+        )
     if not np.issubdtype(array.dtype, np.integer):
         raise MeshError(f"faces must have an integer dtype, got {array.dtype}")
     if n_vertices >= np.iinfo(np.int32).max // 8:
-        raise MeshError(f"the mesh has {n_vertices} vertices; 32-bit indices allow {np.iinfo(np.int32).max // 8}")
+        raise MeshError(
+            f"the mesh has {n_vertices} vertices; 32-bit indices allow {np.iinfo(np.int32).max // 8}"
+        )
 
     outside = np.flatnonzero(((array < 0) | (array >= n_vertices)).any(axis=1))
     if outside.size:
@@ -77,17 +83,23 @@ def check_edges_manifold(
         )
     tails = faces.ravel()
     forward = tails == edges[halfedge_edges, 0]
-    clashing = np.flatnonzero((uses == 2) & (np.bincount(halfedge_edges, weights=forward, minlength=len(edges)) != 1))
+    clashing = np.flatnonzero(
+        (uses == 2) & (np.bincount(halfedge_edges, weights=forward, minlength=len(edges)) != 1)
+    )
     if not clashing.size:
         return
     i, j = edges[clashing[0]]
     pair = np.flatnonzero(halfedge_edges == clashing[0]) // 3
-    where = f"faces {pair[0]} and {pair[1]} traverse the edge between vertices {i} and {j} in the same direction"
+    where = (
+        f"faces {pair[0]} and {pair[1]} traverse the edge between vertices {i} and {j} in the same direction"
+    )
     if _is_orientable(len(faces), halfedge_edges, forward, uses == 2):
         raise MeshError(
             f"inconsistently oriented faces: {where} ({clashing.size} such edge(s)); flip faces until neighbours agree"
         )
-    raise MeshError(f"non-orientable surface: {where}, and no flipping of faces mends it (a Möbius strip or Klein bottle)")
+    raise MeshError(
+        f"non-orientable surface: {where}, and no flipping of faces mends it (a Möbius strip or Klein bottle)"
+    )
 
 
 def _is_orientable(
@@ -98,7 +110,10 @@ def _is_orientable(
     order = order[inner[halfedge_edges[order]]].reshape(-1, 2)
     left, right = order.T // 3
     same = forward[order[:, 0]] != forward[order[:, 1]]
-    sides = [(left, np.where(same, right, right + n_faces)), (left + n_faces, np.where(same, right + n_faces, right))]
+    sides = [
+        (left, np.where(same, right, right + n_faces)),
+        (left + n_faces, np.where(same, right + n_faces, right)),
+    ]
     rows, columns = (np.concatenate(part) for part in zip(*sides, strict=True))
     cover = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n_faces, 2 * n_faces))
     _, label = connected_components(cover, directed=False)
@@ -122,7 +137,9 @@ def checked_vertices(vertices: object) -> np.ndarray:
         raise MeshError(f"vertices must have a floating dtype, got {array.dtype}")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise MeshError(f"{name_first('vertex', bad)}: position is not finite (vertex {bad[0]} is {array[bad[0]].tolist()})")
+        raise MeshError(
+            f"{name_first('vertex', bad)}: position is not finite (vertex {bad[0]} is {array[bad[0]].tolist()})"
+        )
     return array
 
 
