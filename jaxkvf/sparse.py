@@ -99,12 +99,11 @@ class SymmetricBlockOperator(lx.AbstractLinearOperator):
         return self.in_structure()
 
 
-_LEAVES = (RowSparseOperator, _TransposedRowSparseOperator, SymmetricBlockOperator)
-for _leaf in _LEAVES:
-    _symmetric = _leaf is SymmetricBlockOperator
-    for _declared in (lx.is_symmetric, lx.is_positive_semidefinite):
-        _declared.register(_leaf)(lambda operator, answer=_symmetric: answer)
-    for _undeclared in (
+def declare_leaf(kind: type[lx.AbstractLinearOperator], *, positive_semidefinite: bool) -> None:
+    """Tells lineax about a new kind of operator: symmetric positive semi-definite, or without structure."""
+    for declared in (lx.is_symmetric, lx.is_positive_semidefinite):
+        declared.register(kind)(lambda operator: positive_semidefinite)
+    for undeclared in (
         lx.is_diagonal,
         lx.is_tridiagonal,
         lx.is_lower_triangular,
@@ -112,10 +111,21 @@ for _leaf in _LEAVES:
         lx.is_negative_semidefinite,
         lx.has_unit_diagonal,
     ):
-        _undeclared.register(_leaf)(lambda operator: False)
-    lx.linearise.register(_leaf)(lambda operator: operator)
-    lx.conj.register(_leaf)(lambda operator: operator)
-    lx.materialise.register(_leaf)(lambda operator: lx.MatrixLinearOperator(operator.as_matrix()))
+        undeclared.register(kind)(lambda operator: False)
+    lx.linearise.register(kind)(lambda operator: operator)
+    lx.conj.register(kind)(lambda operator: operator)
+    lx.materialise.register(kind)(lambda operator: lx.MatrixLinearOperator(operator.as_matrix()))
+
+
+declare_leaf(RowSparseOperator, positive_semidefinite=False)
+declare_leaf(_TransposedRowSparseOperator, positive_semidefinite=False)
+declare_leaf(SymmetricBlockOperator, positive_semidefinite=True)
+
+
+@functools.singledispatch
+def assembled(operator: lx.AbstractLinearOperator) -> lx.AbstractLinearOperator:
+    """The operator as one sparse matrix, where it has such a form beside its factors; what solvers work with."""
+    return operator
 
 
 @functools.singledispatch

@@ -11,17 +11,26 @@ import pytest
 import scipy.linalg
 from scipy.spatial import Delaunay
 
-from jaxkvf import Topology, TriangleMesh, intrinsic_killing_eigenvalues, killing_fields, reference, shapes
+from jaxkvf import (
+    KillingFields,
+    Topology,
+    TriangleMesh,
+    intrinsic_killing_eigenvalues,
+    killing_fields,
+    reference,
+    shapes,
+)
 from jaxkvf.eigen import DenseEigh, ScipyEigsh, eigsolve
 from jaxkvf.exterior import d0, d1, flat, sharp
 from jaxkvf.geometry import (
-    IntrinsicDelaunay,
+    angle_defects,
     circumcentric_vertex_areas,
     cone_angles,
     cotan_weights,
     delaunay_tolerance,
     edge_angles,
     edge_lengths,
+    geodesic_curvatures,
     intrinsic_delaunay,
     project,
     surface_area,
@@ -33,8 +42,43 @@ from jaxkvf.sparse import to_scipy
 STRETCH = (1.0, 1.0, 2.5)
 
 
-def of(mesh: TriangleMesh) -> tuple[jax.Array, Topology]:
+def surface(mesh: TriangleMesh) -> tuple[jax.Array, Topology]:
     return edge_lengths(mesh.vertices, mesh.topology), mesh.topology
+
+
+def grid_faces(n: int, m: int) -> np.ndarray:
+    """n × m squares of a torus, each cut along its diagonal; vertex (i, j) is number m i + j."""
+    i, j = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
+    a, b, c, d = ((i + p) % n * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def grid_torus(n: int, m: int, noise: float = 0.0) -> TriangleMesh:
+    """A torus of planar quadrilaterals with corners on a circle, so that the diagonal of each has ⋆₁ = 0."""
+    shift = noise * np.random.default_rng(0).standard_normal((2, n, m))
+    u = (np.arange(n)[:, None] + shift[0]) * 2 * np.pi / n
+    v = (np.arange(m) + shift[1]) * 2 * np.pi / m
+    r = 2 + 0.8 * np.cos(v)
+    points = np.stack([r * np.cos(u), r * np.sin(u), 1.04 * np.sin(v)], axis=-1)
+    return TriangleMesh.from_arrays(points.reshape(-1, 3), grid_faces(n, m))
+
+
+def sheared_torus(n: int, shear: int) -> tuple[jax.Array, Topology]:
+    """The flat square torus of area n², its unit squares sheared by an integer: the same surface, far from Delaunay."""
+    topology = Topology.from_faces(grid_faces(n, n))
+    i, j = np.divmod(np.asarray(topology.edges), n)
+    x, y = ((np.diff(index, axis=1)[:, 0] + n // 2) % n - n // 2 for index in (i, j))
+    return jnp.asarray(np.hypot(x + shear * y, y)), topology
+
+
+def stretched_plane(count: int) -> TriangleMesh:
+    """Random points in a square, Delaunay, then stretched: flat, with convex boundary."""
+    points = np.random.default_rng(4).uniform(size=(count, 2))
+    faces = Delaunay(points).simplices
+    u, v = points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
+    backwards = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
+    faces[backwards] = faces[backwards][:, ::-1]
+    return TriangleMesh.from_arrays(np.pad(points * [8.0, 1.0], [(0, 0), (0, 1)]), faces)
 
 
 def spindle(belt: int) -> TriangleMesh:
@@ -43,54 +87,444 @@ def spindle(belt: int) -> TriangleMesh:
     height = np.random.default_rng(0).uniform(-90, 90, belt)
     ring = np.stack([np.cos(angle), np.sin(angle), height], axis=1)
     i, j = np.arange(belt), (np.arange(belt) + 1) % belt
-    top, bottom = np.full(belt, belt), np.full(belt, belt + 1)
-    faces = np.concatenate([np.stack([i, j, top], 1), np.stack([j, i, bottom], 1)])
+    faces = np.concatenate([np.stack([i, j, 0 * i + belt], 1), np.stack([j, i, 0 * i + belt + 1], 1)])
     return TriangleMesh.from_arrays(np.concatenate([ring, [[0, 0, 100.0], [0, 0, -100.0]]]), faces)
 
 
-def stretched_plane(count: int) -> tuple[TriangleMesh, np.ndarray]:
-    """Random points in a square, Delaunay, then stretched: flat, with convex boundary."""
-    points = np.random.default_rng(4).uniform(size=(count, 2))
-    triangles = Delaunay(points).simplices
-    points = points * [8.0, 1.0]
-    u, v = points[triangles[:, 1]] - points[triangles[:, 0]], points[triangles[:, 2]] - points[triangles[:, 0]]
-    backwards = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
-    triangles[backwards] = triangles[backwards][:, ::-1]
-    return TriangleMesh.from_arrays(np.pad(points, [(0, 0), (0, 1)]), triangles), points
-
-
-def sheared_torus(n: int, shear: int) -> tuple[jax.Array, Topology]:
-    """A flat torus of n × n squares, given by the edges of a triangulation that shear has made long."""
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-
-    def vertex(a: int, b: int) -> np.ndarray:
-        return (i + a) % n * n + (j + b) % n
-
-    lower, upper = (vertex(0, 0), vertex(1, 0), vertex(1, 1)), (vertex(0, 0), vertex(1, 1), vertex(0, 1))
-    topology = Topology.from_faces(np.concatenate([np.stack(lower, 1), np.stack(upper, 1)]))
-    edges = np.asarray(topology.edges)
-    step = np.stack([edges // n, edges % n], axis=-1)
-    x, y = ((step[:, 1] - step[:, 0] + n // 2) % n - n // 2).T
-    return jnp.asarray(np.hypot(x + shear * y, y)), topology
+def doubled_triangle() -> tuple[jax.Array, Topology]:
+    """A triangle and its mirror image glued along all three sides: 2, √2, √2.5 with an obtuse angle at vertex 2."""
+    topology = Topology.from_faces(np.array([[0, 1, 2], [0, 2, 1]]))
+    corners = np.array([[0.0, 0], [2.0, 0], [0.9, 0.5]])
+    tail, head = np.asarray(topology.edges).T
+    return jnp.asarray(np.linalg.norm(corners[tail] - corners[head], axis=1)), topology
 
 
 def thin_strip(count: int) -> TriangleMesh:
-    """Two parallel lines of points, joined by one fan from each end: as far from Delaunay as can be."""
-    x = np.linspace(0, 1, count)
+    """Two parallel lines of points joined by a fan from each end: about as far from Delaunay as can be."""
+    x, i = np.linspace(0, 1, count), np.arange(count - 1)
     points = np.concatenate([np.stack([x, 0 * x, 0 * x], 1), np.stack([x, 0 * x + 0.01, 0 * x], 1)])
-    i = np.arange(count - 1)
-    faces = [np.stack([0 * i, count + i + 1, count + i], 1), np.stack([i, i + 1, 0 * i + 2 * count - 1], 1)]
-    return TriangleMesh.from_arrays(points, np.concatenate(faces))
+    upper = np.stack([0 * i, count + i + 1, count + i], 1)
+    lower = np.stack([i, i + 1, 0 * i + 2 * count - 1], 1)
+    return TriangleMesh.from_arrays(points, np.concatenate([upper, lower]))
 
 
-def grid_torus(n: int, m: int) -> TriangleMesh:
-    """Quadrilaterals along the circles of a torus, cut in two: every diagonal's two faces share a circle."""
-    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(m) * 2 * np.pi / m, indexing="ij")
-    points = np.stack([(2 + 0.8 * np.cos(v)) * np.cos(u), (2 + 0.8 * np.cos(v)) * np.sin(u), 1.04 * np.sin(v)], -1)
-    return TriangleMesh.from_arrays(points.reshape(-1, 3), sheared_torus_faces(n, m))
+@functools.cache
+def random_spheroid(count: int) -> TriangleMesh:
+    return shapes.random_sphere(count, seed=1, radii=STRETCH)
 
 
-def sheared_torus_faces(n: int, m: int) -> np.ndarray:
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
-    a, b, c, d = (((i + p) % n) * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+SURFACES = {
+    "spheroid": lambda: surface(random_spheroid(700)),
+    "needle": lambda: surface(shapes.random_sphere(300, seed=2, radii=(1.0, 3.0, 40.0))),
+    "plane": lambda: surface(stretched_plane(400)),
+    "sheared torus": lambda: sheared_torus(12, 3),
+    "spindle of 3": lambda: surface(spindle(3)),
+    "spindle of 6": lambda: surface(spindle(6)),
+    "doubled triangle": doubled_triangle,
+    "strip": lambda: surface(thin_strip(40)),
+}
+
+ROUNDING = {"needle": 1e-10, "strip": 1e-10, "spindle of 3": 1e-11, "spindle of 6": 1e-11}
+"""Angles of needles are lost in the rounding of their sides before anything is flipped."""
+
+
+def read(folder, name: str) -> TriangleMesh:
+    vertices, _, _, faces, _, _ = igl.readOBJ(str(folder / f"{name}.obj"))
+    return TriangleMesh.from_arrays(vertices, faces)
+
+
+def check_delaunay(lengths: jax.Array, topology: Topology, rtol: float = 1e-12) -> None:
+    """Everything that must hold whatever the surface."""
+    found = intrinsic_delaunay(lengths, topology)
+    inner = ~np.asarray(found.topology.is_boundary_edge)
+    weights = np.asarray(cotan_weights(found.lengths, found.topology))
+    assert weights[inner].min() >= -delaunay_tolerance(lengths.dtype)
+    assert float(found.least_cotan_weight) == weights.min()
+    area = surface_area(lengths, topology)
+    np.testing.assert_allclose(surface_area(found.lengths, found.topology), area, rtol=rtol)
+    np.testing.assert_allclose(
+        cone_angles(found.lengths, found.topology), cone_angles(lengths, topology), rtol=rtol, atol=rtol
+    )
+    np.testing.assert_array_equal(found.topology.is_boundary_vertex, topology.is_boundary_vertex)
+    check_topology(found.topology)
+    check_directions(lengths, topology, found)
+    again = intrinsic_delaunay(found.lengths, found.topology)
+    assert int(again.flips) == 0
+
+
+def check_topology(topology: Topology) -> None:
+    """The incidences agree with each other, edges told apart by number and not by their ends."""
+    t = jax.tree.map(np.asarray, topology)
+    halfedge = np.arange(3 * len(t.faces))
+    edge, along = t.face_edges.ravel(), t.face_edge_signs.ravel() > 0
+    heads = np.roll(t.faces, -1, axis=1).ravel()
+    np.testing.assert_array_equal(t.edge_halfedges[edge, np.where(along, 0, 1)], halfedge)
+    np.testing.assert_array_equal(t.edges[edge, np.where(along, 0, 1)], t.faces.ravel())
+    np.testing.assert_array_equal(t.edges[edge, np.where(along, 1, 0)], heads)
+    np.testing.assert_array_equal(np.sort(t.edge_spokes.ravel()), np.arange(2 * len(t.edges)))
+    owner = np.repeat(np.arange(topology.n_vertices), np.diff(t.spoke_starts))
+    np.testing.assert_array_equal(owner[t.edge_spokes], t.edges)
+    np.testing.assert_array_equal(t.spoke_neighbours[t.edge_spokes], t.edges[:, ::-1])
+    tail_spokes = np.zeros(2 * len(t.edges), bool)
+    tail_spokes[t.edge_spokes[:, 0]] = True
+    np.testing.assert_array_equal(topology.is_tail_spoke, tail_spokes)
+    corners = t.spoke_corners[t.spoke_corners >= 0]
+    np.testing.assert_array_equal(np.sort(corners), halfedge)
+    assert abs(to_scipy(d1(topology)) @ to_scipy(d0(topology))).max() == 0
+
+
+def check_directions(lengths: jax.Array, topology: Topology, found) -> None:
+    """Edges that were not flipped leave their vertices in the directions that they had."""
+    before = np.asarray(edge_angles(lengths, topology))
+    turned = edge_angles(found.lengths, found.topology) + found.frame_rotations[found.topology.edges]
+    kept = np.asarray((found.lengths == lengths) & (found.topology.edges == topology.edges).all(axis=1))
+    turn = np.angle(np.exp(1j * (np.asarray(turned) - before)))[kept]
+    assert np.abs(turn).max(initial=0.0) < 1e-9
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_flips_reach_delaunay_and_keep_the_surface(name):
+    lengths, topology = SURFACES[name]()
+    assert int(intrinsic_delaunay(lengths, topology).flips) > 0
+    check_delaunay(lengths, topology, ROUNDING.get(name, 1e-12))
+
+
+slow = functools.partial(pytest.param, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(
+    "name", ["wingnut", "boat", "plane_holes", *map(slow, ["spot", "fish", "penguin", "hammer"])]
+)
+def test_flips_on_real_meshes(real_mesh_folder, name):
+    check_delaunay(*surface(read(real_mesh_folder, name)), rtol=1e-10)
+
+
+ALREADY_DELAUNAY = {
+    "icosphere": lambda: shapes.icosphere(6),
+    "grid of zero weights": lambda: grid_torus(16, 10),
+    "cylinder": lambda: shapes.cylinder(9, 4),
+}
+
+
+@pytest.mark.parametrize("name", ALREADY_DELAUNAY)
+def test_a_delaunay_mesh_is_returned_as_it_is(name):
+    lengths, topology = surface(ALREADY_DELAUNAY[name]())
+    found = intrinsic_delaunay(lengths, topology)
+    assert eqx.tree_equal((found.lengths, found.topology), (lengths, topology))
+    assert int(found.flips) == 0
+    assert not np.asarray(found.frame_rotations).any()
+
+
+def test_in_the_plane_it_is_the_delaunay_triangulation():
+    mesh = stretched_plane(400)
+    found = intrinsic_delaunay(*surface(mesh))
+    points, edges = np.asarray(mesh.vertices)[:, :2], np.asarray(found.topology.edges)
+    assert int(found.flips) > 400
+    np.testing.assert_allclose(
+        found.lengths, np.linalg.norm(np.diff(points[edges], axis=1)[:, 0], axis=1), rtol=1e-11
+    )
+    triangles = np.sort(Delaunay(points).simplices, axis=1)
+    np.testing.assert_array_equal(
+        np.unique(np.sort(np.asarray(found.topology.faces), axis=1), axis=0), np.unique(triangles, axis=0)
+    )
+
+
+def test_a_sheared_torus_becomes_the_square_grid():
+    found = intrinsic_delaunay(*sheared_torus(12, 3))
+    lengths = np.sort(np.asarray(found.lengths))
+    np.testing.assert_allclose(lengths, np.repeat([1, 1, np.sqrt(2)], 144), rtol=1e-12)
+
+
+def test_the_long_side_of_a_doubled_triangle_becomes_a_loop_of_twice_the_height():
+    lengths, topology = doubled_triangle()
+
+    def loop(lengths):
+        found = intrinsic_delaunay(lengths, topology)
+        return found.lengths[0], found
+
+    value, found = loop(lengths)
+    assert int(found.flips) == 1
+    assert found.topology.edges[0].tolist() == [2, 2]
+    assert found.topology.vertex_degrees.tolist() == [1, 1, 4]
+    np.testing.assert_allclose(value, 2 * 0.5, rtol=1e-13)
+    # Moving one end of the base (both copies) outward tilts the height: h = 2 area / base.
+    base, left, right = 2.0, np.hypot(0.9, 0.5), np.hypot(1.1, 0.5)
+    by_base, by_left, by_right = jax.grad(lambda lengths: loop(lengths)[0])(lengths)
+    foot = 0.9
+    np.testing.assert_allclose(by_left, 2 * (left / 0.5) * (1 - foot / base), rtol=1e-12)
+    np.testing.assert_allclose(by_right, 2 * (right / 0.5) * (foot / base), rtol=1e-12)
+    np.testing.assert_allclose(by_base, -2 * foot * (base - foot) / (0.5 * base), rtol=1e-12)
+
+
+@pytest.mark.parametrize("belt", [3, 6])
+def test_forms_live_on_edges_that_share_their_ends(belt):
+    lengths, topology = surface(spindle(belt))
+    found = intrinsic_delaunay(lengths, topology)
+    edges = np.sort(np.asarray(found.topology.edges), axis=1)
+    assert (edges[:, 0] == edges[:, 1]).any()
+    assert len(np.unique(edges, axis=0)) < len(edges)
+    assert int(found.topology.vertex_degrees.min()) == 1
+    total = (
+        angle_defects(found.lengths, found.topology) + geodesic_curvatures(found.lengths, found.topology)
+    ).sum()
+    np.testing.assert_allclose(total, 4 * np.pi, rtol=1e-12)
+    assert (np.asarray(circumcentric_vertex_areas(found.lengths, found.topology)) > 0).all()
+    values = intrinsic_killing_eigenvalues(lengths, topology, 2, discretization="dec")
+    assert np.isfinite(values).all()
+    vectors = Dec().to_vertex_vectors(jnp.ones(topology.n_edges), lengths, topology)
+    assert np.isfinite(vectors).all()
+
+
+def test_flat_and_sharp_across_a_loop():
+    """A loop's two spokes point against each other in its form, so a radial field around it has none along it."""
+    lengths, topology = doubled_triangle()
+    found = intrinsic_delaunay(lengths, topology)
+    vectors = jnp.asarray(np.random.default_rng(0).standard_normal((3, 2)))
+    form = flat(vectors, found.lengths, found.topology)
+    at_2 = sharp(form, found.lengths, found.topology)[2]
+    out, back = np.asarray(edge_angles(found.lengths, found.topology))[0]
+    unit = np.array([[np.cos(out), np.sin(out)], [-np.cos(back), -np.sin(back)]])
+    np.testing.assert_allclose(form[0] / found.lengths[0], (unit @ np.asarray(vectors[2])).mean(), rtol=1e-12)
+    assert np.isfinite(at_2).all()
+
+
+# Derivatives
+
+
+def smooth_function(vertices, topology, weights):
+    found = intrinsic_delaunay(edge_lengths(vertices, topology), topology)
+    return weights @ jnp.log(found.lengths)
+
+
+@functools.cache
+def differentiated() -> tuple[TriangleMesh, jax.Array, jax.Array]:
+    mesh = random_spheroid(700)
+    random = np.random.default_rng(5)
+    weights = random.standard_normal(mesh.topology.n_edges)
+    return mesh, jnp.asarray(weights), jnp.asarray(random.standard_normal(mesh.vertices.shape))
+
+
+def central_difference(function, x, direction, step):
+    return (function(x + step * direction) - function(x - step * direction)) / (2 * step)
+
+
+def test_derivatives_flow_through_flips():
+    mesh, weights, direction = differentiated()
+    step = 1e-6
+
+    @jax.jit
+    def flipped(vertices):
+        return intrinsic_delaunay(edge_lengths(vertices, mesh.topology), mesh.topology)
+
+    here, ahead, behind = (flipped(mesh.vertices + s * direction) for s in (0, step, -step))
+    assert int(here.flips) >= 100
+    assert eqx.tree_equal(here.topology, ahead.topology, behind.topology)
+    function = jax.jit(lambda vertices: smooth_function(vertices, mesh.topology, weights))
+    expected = central_difference(function, mesh.vertices, direction, step)
+    gradient = jax.jit(jax.grad(function))(mesh.vertices)
+    assert np.isfinite(gradient).all()
+    np.testing.assert_allclose(jnp.vdot(gradient, direction), expected, rtol=1e-6)
+    _, forward = jax.jvp(function, (mesh.vertices,), (direction,))
+    np.testing.assert_allclose(forward, jnp.vdot(gradient, direction), rtol=1e-12)
+
+
+def test_second_derivatives_flow_through_flips():
+    mesh, weights, direction = differentiated()
+    gradient = jax.jit(jax.grad(lambda vertices: smooth_function(vertices, mesh.topology, weights)))
+    _, curvature = jax.jvp(gradient, (mesh.vertices,), (direction,))
+    expected = central_difference(gradient, mesh.vertices, direction, 1e-7)
+    error = np.linalg.norm(curvature - expected) / np.linalg.norm(expected)
+    assert error < 1e-5
+
+
+def test_a_batch_is_its_members():
+    mesh, weights, direction = differentiated()
+    topology = mesh.topology
+    batch = mesh.vertices[None] * jnp.asarray([[[1.0, 1, 1]], [[2.0, 0.5, 1]], [[1.0, 1, 0.4]]])
+    function = functools.partial(smooth_function, topology=topology, weights=weights)
+    values, gradients = jax.jit(jax.vmap(jax.value_and_grad(function)))(batch)
+    _, slopes = jax.vmap(lambda x: jax.jvp(function, (x,), (direction,)))(batch)
+    flips = jax.vmap(lambda x: intrinsic_delaunay(edge_lengths(x, topology), topology).flips)(batch)
+    assert len(set(flips.tolist())) == 3 and flips.min() < 40
+    for x, value, gradient, slope in zip(batch, values, gradients, slopes, strict=True):
+        alone, gradient_alone = jax.value_and_grad(function)(x)
+        np.testing.assert_allclose(value, alone, rtol=1e-12)
+        np.testing.assert_allclose(gradient, gradient_alone, rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(slope, jnp.vdot(gradient_alone, direction), rtol=1e-9)
+
+
+def test_single_precision():
+    mesh = random_spheroid(700)
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    single = lengths.astype(jnp.float32)
+    found = intrinsic_delaunay(single, mesh.topology)
+    assert found.lengths.dtype == found.frame_rotations.dtype == jnp.float32
+    np.testing.assert_allclose(
+        surface_area(found.lengths, found.topology), surface_area(lengths, mesh.topology), rtol=1e-5
+    )
+    slope = jax.grad(lambda lengths: jnp.log(intrinsic_delaunay(lengths, mesh.topology).lengths).sum())(
+        single
+    )
+    assert slope.dtype == jnp.float32 and np.isfinite(slope).all()
+    problem = Dec().eigenproblem(single, mesh.topology)
+    assert problem.dtype == jnp.float32
+    assert float(problem.B.as_matrix().diagonal().min()) > 0
+
+
+# Refusals
+
+
+def test_more_flips_than_there_is_room_for_is_an_error():
+    lengths, topology = surface(thin_strip(300))
+    with pytest.raises(eqx.EquinoxRuntimeError, match="Raise `capacity`, or remesh"):
+        intrinsic_delaunay(lengths, topology)
+    found = intrinsic_delaunay(lengths, topology, capacity=2)
+    assert int(found.flips) > 10 * topology.n_edges
+    np.testing.assert_allclose(
+        surface_area(found.lengths, found.topology), surface_area(lengths, topology), rtol=1e-11
+    )
+    assert Dec(flip_capacity=2).triangulation(lengths, topology).flips == found.flips
+
+
+@pytest.mark.parametrize("capacity", [0, -1, 1.5, True])
+def test_capacity_is_a_positive_integer(capacity):
+    lengths, topology = doubled_triangle()
+    with pytest.raises((ValueError, TypeError), match="capacity"):
+        intrinsic_delaunay(lengths, topology, capacity=capacity)
+
+
+def test_one_length_an_edge():
+    lengths, topology = doubled_triangle()
+    with pytest.raises(ValueError, match=r"lengths must have shape \[3\], one an edge, got \[2\]"):
+        intrinsic_delaunay(lengths[:2], topology)
+
+
+def test_impossible_lengths_stay_visible():
+    lengths, topology = surface(shapes.icosphere(2))
+    found = intrinsic_delaunay(lengths.at[0].mul(10.0), topology)
+    assert np.isnan(surface_area(found.lengths, found.topology))
+
+
+# The discretization on top
+
+
+@functools.cache
+def spheroid_reference() -> np.ndarray:
+    return reference.surface_of_revolution_spectrum(np.sin, lambda t: 2.5 * np.cos(t), 10)
+
+
+@functools.cache
+def spheroid_fields(count: int, discretization: str) -> KillingFields:
+    return killing_fields(random_spheroid(count), 10, discretization=discretization)
+
+
+@pytest.mark.parametrize("count", [2562, slow(10242)])
+def test_dec_on_bad_triangles(count):
+    """It stalls at about 1 %: defect over area is no pointwise convergent curvature on irregular meshes."""
+    error = np.asarray(spheroid_fields(count, "dec").eigenvalues) - spheroid_reference()
+    assert np.linalg.norm(error) < 1.5e-2 * np.linalg.norm(spheroid_reference())
+
+
+def test_without_flips_bad_triangles_are_refused():
+    with pytest.raises(eqx.EquinoxRuntimeError, match="B is not positive definite"):
+        killing_fields(random_spheroid(700), 3, discretization=Dec(delaunay=False), solver=ScipyEigsh())
+
+
+def test_flips_change_nothing_on_a_delaunay_mesh():
+    plain, flipped = (
+        Dec(delaunay=choice).eigenproblem(*surface(shapes.ellipsoid(6))) for choice in (False, True)
+    )
+    assert eqx.tree_equal(plain, flipped)
+
+
+def test_fields_come_back_in_the_frames_of_the_mesh():
+    """Eigenfields of `dec` over thousands of flips are those of `regge`, which knows nothing of them."""
+    mesh = random_spheroid(2562)
+    lengths, topology = surface(mesh)
+    assert int(intrinsic_delaunay(lengths, topology).flips) > 1900
+    mass, frames = vector_mass(lengths, topology), vertex_frames(mesh.vertices, topology)
+    dec, regge = (
+        project(spheroid_fields(2562, name).vectors[:4], frames).reshape(4, -1) for name in ("dec", "regge")
+    )
+    overlap = np.asarray(dec @ jax.vmap(mass.mv)(regge).T)
+    np.testing.assert_allclose(np.abs(overlap[[0, 3], [0, 3]]), 1, atol=2e-3)
+    np.testing.assert_allclose(np.linalg.svd(overlap[1:3, 1:3])[1], 1, atol=2e-3)  # a pair turns freely
+
+
+def test_vertex_fields_survive_the_round_trip():
+    mesh = random_spheroid(2562)
+    lengths, topology = surface(mesh)
+    x, y, _ = mesh.vertices.T
+    rotation = project(jnp.stack([-y, x, 0 * x], axis=1), vertex_frames(mesh.vertices, topology))
+    form = Dec().from_vertex_vectors(rotation, lengths, topology)
+    back = Dec().to_vertex_vectors(form, lengths, topology)
+    assert float(jnp.abs(back - rotation).max()) < 5e-3
+    problem = Dec().eigenproblem(lengths, topology)
+    quotient = form @ problem.A.mv(form) / (form @ problem.B.mv(form))
+    np.testing.assert_allclose(Dec().energy(form, lengths, topology), form @ problem.A.mv(form), rtol=1e-12)
+    assert abs(float(quotient)) < 0.1 * spheroid_reference()[1]
+
+
+@pytest.mark.parametrize(("name", "tolerance"), [slow("spot", 5e-3), slow("fish", 3e-2), ("penguin", 0.13)])
+def test_dec_agrees_with_regge_on_real_meshes(real_mesh_folder, name, tolerance):
+    """Smooth closed meshes only: `dec` is far off where curvature sits in single vertices (wingnut, boat, hammer)."""
+    mesh = read(real_mesh_folder, name)
+    dec, regge = (np.asarray(killing_fields(mesh, 5, discretization=d).eigenvalues) for d in ("dec", "regge"))
+    np.testing.assert_allclose(dec, regge, rtol=tolerance)
+
+
+def test_a_boundary_that_cannot_flip_is_reported():
+    mesh = stretched_plane(60)
+    assert float(Dec().triangulation(*surface(mesh)).least_cotan_weight) < -0.1
+    with pytest.raises(eqx.EquinoxRuntimeError, match="B is not positive definite"):
+        killing_fields(mesh, 2, discretization="dec")
+
+
+# Edges of no weight
+
+
+def test_edges_without_weight_join_faces_to_polygons():
+    """A third of the edges have ⋆₁ = 0; eliminating their unknowns exactly gives the same eigenvalues."""
+    lengths, topology = surface(grid_torus(12, 8))
+    weights = np.asarray(cotan_weights(lengths, topology))
+    none = np.abs(weights) < 1e-12
+    assert none.sum() == topology.n_edges // 3
+    problem = Dec().eigenproblem(lengths, topology)
+    A = to_scipy(problem.A).toarray()
+    eliminated = A[np.ix_(~none, ~none)] - A[np.ix_(~none, none)] @ np.linalg.solve(
+        A[np.ix_(none, none)], A[np.ix_(none, ~none)]
+    )
+    exact = scipy.linalg.eigh(eliminated, np.diag(weights[~none]), eigvals_only=True)[:10]
+    for solver in (DenseEigh(), ScipyEigsh()):
+        np.testing.assert_allclose(
+            eqx.filter_jit(eigsolve)(problem, 10, solver).eigenvalues, exact, rtol=3e-6
+        )
+
+
+def test_a_grid_without_weight_is_like_a_mesh_beside_it():
+    exact, near = (
+        np.asarray(killing_fields(grid_torus(48, 30, noise), 8, discretization="dec").dimensionless)
+        for noise in (0.0, 1e-3)
+    )
+    np.testing.assert_allclose(exact, near, rtol=5e-3)
+
+
+def test_derivatives_where_weights_leave_zero():
+    """Shortening the diagonals gives them weight at once; the derivative is that from this side."""
+    lengths, topology = surface(grid_torus(16, 10))
+    weightless = jnp.abs(cotan_weights(lengths, topology)) < 1e-12
+    rate = jnp.where(
+        weightless, jnp.asarray(np.random.default_rng(1).uniform(0.5, 1.5, topology.n_edges)), 0.0
+    )
+
+    @jax.jit
+    def two(t):
+        shortened = lengths * (1 - t * rate)
+        return intrinsic_killing_eigenvalues(
+            shortened, topology, 2, discretization="dec", solver=ScipyEigsh()
+        ).sum()
+
+    h = 1e-4  # beyond the band of weights that count as zero
+    one_sided = (-5 * two(h) + 8 * two(2 * h) - 3 * two(3 * h)) / (2 * h)
+    for derivative in (jax.grad(two)(0.0), jax.jvp(two, (0.0,), (1.0,))[1]):
+        np.testing.assert_allclose(derivative, one_sided, rtol=1e-3)

@@ -69,7 +69,7 @@ def test_other_minimisers_do(minimiser):
     done = jaxkvf.symmetrize(noisy, minimiser=minimiser, max_steps=25)
     assert done.history[-1].dimensionless[0] < 0.3 * done.history[0].dimensionless[0]
     lowest = float(jaxkvf.killing_fields(done.mesh, 1).dimensionless[0])
-    np.testing.assert_allclose(done.history[-1].dimensionless[0], lowest, rtol=1e-6)
+    np.testing.assert_allclose(done.history[-1].dimensionless[0], lowest, rtol=1e-5)
 
 
 def test_a_shape_without_symmetry_comes_to_rest_and_says_so():

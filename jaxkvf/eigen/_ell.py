@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float, Int
 
-from ..sparse import SymmetricBlockOperator, matmat
+from ..sparse import SymmetricBlockOperator, assembled, matmat
 
 BlockProduct = Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
 
@@ -56,7 +56,8 @@ class EllProduct(eqx.Module):
 @functools.singledispatch
 def block_product(operator: lx.AbstractLinearOperator) -> BlockProduct:
     """X ↦ M X for blocks X `[n, k]` of any k, prepared for many products; M symmetric. Runs under `jit`."""
-    return eqx.Partial(matmat, operator)
+    matrix = assembled(operator)
+    return eqx.Partial(matmat, operator) if matrix is operator else block_product(matrix)
 
 
 @block_product.register

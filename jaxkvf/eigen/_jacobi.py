@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..sparse import SymmetricBlockOperator
+from ..sparse import SymmetricBlockOperator, assembled
 from ._ell import BlockProduct, block_product
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
@@ -126,7 +126,7 @@ def _inverse_factors(blocks: Float[Array, "n b b"]) -> Float[Array, "n b b"]:
 
 
 def _known_diagonal_blocks(operator: lx.AbstractLinearOperator) -> Float[Array, "n b b"]:
-    blocks = _diagonal_blocks(operator)
+    blocks = _diagonal_blocks(assembled(operator))
     if blocks is None:
         raise ValueError(
             f"Jacobi preconditioners need the diagonal of A, which {type(operator).__name__} does not tell: "

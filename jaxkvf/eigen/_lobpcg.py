@@ -9,6 +9,8 @@ LOBPCG (2006) for P; A. Stathopoulos, K. Wu, A block orthogonalization procedure
 (2018).
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -41,7 +43,7 @@ class LOBPCG(AbstractEigensolver):
     atol: float = eqx.field(default=0.0, static=True)
     max_steps: int = eqx.field(default=1000, static=True)
     guard_vectors: int | None = eqx.field(default=None, static=True)
-    """Pairs carried beyond the k wanted, which they speed up and keep complete; by default 3 and a fifth of k."""
+    """Pairs carried beyond the k wanted, which they speed up and keep complete; by default 1 and a fifth of k, rounded to a whole four."""
     preconditioner: AbstractPreconditioner | None = None
     constraints: Float[Array, "n c"] | None = None
     """Vectors to stay B-orthogonal to (known eigenvectors, say), in columns; the residuals are taken orthogonally to them."""
@@ -66,8 +68,7 @@ class LOBPCG(AbstractEigensolver):
             raise ValueError(f"constraints must have shape [{n}, any], got {list(self.constraints.shape)}")
         if k > free:
             raise ValueError(f"{free} dimensions are left by the constraints, too few for k = {k} pairs")
-        guards = 3 + k // 5 if self.guard_vectors is None else self.guard_vectors
-        m = min(k + guards, free)
+        m = min(-(-(k + 1 + k // 5) // 4) * 4 if self.guard_vectors is None else k + self.guard_vectors, free)
 
         A, B = block_product(problem.A), block_product(problem.B)
         norm = spectral_norm(A, n, dtype)
@@ -75,7 +76,7 @@ class LOBPCG(AbstractEigensolver):
             A=A,
             B=B,
             inverse=None if self.preconditioner is None else self.preconditioner.prepare(problem),
-            constraints=None if self.constraints is None else _orthonormal(B, self.constraints),
+            constraints=None if self.constraints is None else _orthonormalised(B, lambda Y: Y, self.constraints)[:2],
             tolerance=max(self.rtol, _ROUNDINGS * float(jnp.finfo(dtype).eps)) * norm + self.atol,
             k=k,
             max_steps=self.max_steps,
@@ -198,99 +199,112 @@ class _Iteration(eqx.Module):
     def refreshed(self, state: _State) -> _State:
         """The same spaces X and P by true products; X the lowest Ritz vectors of both together."""
         m = state.values.shape[0]
-        V, AV, ritz_values, kept, negative = self._ritz_vectors(state.V)
-        return self._with_residuals(
-            eqx.tree_at(
-                lambda s: (s.V, s.AV, s.values, s.P_energy, s.P_kept, s.indefinite, s.since_refresh, s.products),
-                state,
-                (
-                    V,
-                    AV,
-                    ritz_values[:m],
-                    jnp.diag(jnp.where(kept[m:], ritz_values[m:], 0)),
-                    kept[m:],
-                    state.indefinite | negative | ~kept[:m].all(),
-                    jnp.int32(0),
-                    state.products + 2 * m,
-                ),
-            )
+        V, AV, BV, ritz_values, kept, negative = self._ritz_vectors(state.V)
+        return eqx.tree_at(
+            lambda s: (s.P_energy, s.P_kept, s.indefinite, s.since_refresh, s.products),
+            self._with_pairs(state, V, AV, BV[:, :m], ritz_values[:m]),
+            (
+                jnp.diag(jnp.where(kept[m:], ritz_values[m:], 0)),
+                kept[m:],
+                state.indefinite | negative | ~kept[:m].all(),
+                jnp.int32(0),
+                state.products + 2 * m,
+            ),
         )
 
     def step(self, state: _State) -> _State:
         V, m = state.V, state.values.shape[0]
-        W = self._search_directions(state)
-
-        # Out of span V and orthonormal, at first roughly (by scaled Gram matrices, whose small eigenvalues are inexact) …
-        BW = self.B(W)
-        overlap, gram = V.T @ BW, W.T @ BW
-        negative = (gram.diagonal() < 0).any()
+        W, BW, overlap, gram, negative = self._search_directions(state)
+        AW = self.A(W)
         scale = _inverse_roots(gram.diagonal())
-        C, _ = _whitening((gram - overlap.T @ overlap) * scale[:, None] * scale[None, :], _tiny(V, m))
+        C, W_kept, _ = _whitening(_scaled(gram - overlap @ overlap.T, scale), _nearly_dependent(V))
         C = scale[:, None] * C
-        W = self._constrained(W @ C - V @ (overlap @ C))
-        # … then to rounding, in the coefficients only.
-        AW, BW = self.A(W), self.B(W)
-        overlap = V.T @ BW
-        C, W_kept = _whitening(W.T @ BW - overlap.T @ overlap, 0.1)
-        Z = jnp.block([[jnp.eye(2 * m, dtype=V.dtype), -overlap @ C], [jnp.zeros((m, 2 * m), V.dtype), C]])
+        Z = jnp.block([[jnp.eye(2 * m, dtype=V.dtype), -overlap.T @ C], [jnp.zeros((m, 2 * m), V.dtype), C]])
 
         # Rayleigh–Ritz in [X P W] Z.
-        energy = jax.scipy.linalg.block_diag(jnp.diag(state.values), state.P_energy, W.T @ AW)
-        energy = energy.at[: 2 * m, 2 * m :].set(V.T @ AW).at[2 * m :, : 2 * m].set(AW.T @ V)
+        AW_V = AW.T @ V
+        energy = jax.scipy.linalg.block_diag(jnp.diag(state.values), state.P_energy, AW.T @ W)
+        energy = energy.at[: 2 * m, 2 * m :].set(AW_V.T).at[2 * m :, : 2 * m].set(AW_V)
         kept = jnp.concatenate([jnp.ones(m, bool), state.P_kept, W_kept])
         H = jnp.where(kept[:, None] & kept[None, :], Z.T @ energy @ Z, 0)
         ritz_values, C = _ritz(H, kept)
         C_P, P_kept = _conjugate_directions(C)
         K = Z @ jnp.concatenate([C[:, :m], C_P], axis=1)
+        V = V @ K[: 2 * m] + W @ K[2 * m :]
+        AV = state.AV @ K[: 2 * m] + AW @ K[2 * m :]
+        moved = self._with_pairs(state, V, AV, self.B(V[:, :m]), ritz_values[:m])
 
-        moved = eqx.tree_at(
-            lambda s: (s.V, s.AV, s.values, s.P_energy, s.P_kept, s.indefinite),
-            state,
-            (
-                V @ K[: 2 * m] + W @ K[2 * m :],
-                state.AV @ K[: 2 * m] + AW @ K[2 * m :],
-                ritz_values[:m],
-                C_P.T @ H @ C_P,
-                P_kept,
-                state.indefinite | negative,
-            ),
-        )
-        moved = self._with_residuals(moved)
         worst, trace = moved.errors[: self.k].max(), moved.values[: self.k].sum()
         noise = 100 * jnp.finfo(V.dtype).eps * jnp.abs(ritz_values).max()
         better = worst < 0.95 * state.least_error
         better |= trace < state.least_trace - 1e-4 * jnp.abs(state.least_trace) - noise
-        hopeless = ~W_kept.any()
+        idle = jnp.where(better, 0, state.idle + 1)
         return eqx.tree_at(
-            lambda s: (s.steps, s.since_refresh, s.products, s.least_error, s.least_trace, s.idle),
+            lambda s: (
+                *(s.P_energy, s.P_kept, s.indefinite, s.steps, s.since_refresh, s.products),
+                *(s.least_error, s.least_trace, s.idle),
+            ),
             moved,
             (
+                C_P.T @ H @ C_P,
+                P_kept,
+                state.indefinite | negative,
                 state.steps + 1,
                 state.since_refresh + 1,
                 state.products + m,
                 jnp.where(better, jnp.minimum(worst, state.least_error), state.least_error),
                 jnp.where(better, jnp.minimum(trace, state.least_trace), state.least_trace),
-                jnp.where(hopeless, _PATIENCE, jnp.where(better, 0, state.idle + 1)).astype(jnp.int32),
+                jnp.where(W_kept.any(), idle, _PATIENCE).astype(jnp.int32),
             ),
         )
 
-    def _search_directions(self, state: _State) -> Float[Array, "n m"]:
-        """W: preconditioned residuals of the pairs that have not converged, zero for the others (soft locking)."""
+    def _search_directions(self, state: _State) -> tuple[Array, Array, Array, Array, Array]:
+        """W; BW; WᵀBV; WᵀBW; whether this shows B to be indefinite.
+
+        W are the preconditioned residuals of the pairs that have not converged, zero for the others (soft locking); where
+        they nearly depend on each other or on V, or are not finite, a roughly orthonormal basis of them outside span V.
+        """
+        V = state.V
         active = state.errors > self.tolerance
         W = state.R * jnp.where(active, _inverse_roots((state.R**2).sum(axis=0)), 0)[None, :]
-        if self.inverse is not None:
-            W = self.inverse.apply(W)
-        return self._constrained(jnp.where(jnp.isfinite(W).all(axis=0, keepdims=True), W, 0))
+        W = self._constrained(W if self.inverse is None else self.inverse.apply(W))
+        BW = self.B(W)
+        overlap, gram = BW.T @ V, BW.T @ W
+        finite = jnp.isfinite(gram.diagonal())
+        overlap = jnp.where(finite[:, None], overlap, 0)
+        gram = jnp.where(finite[:, None] & finite[None, :], gram, 0)
+        scale = _inverse_roots(gram.diagonal())
+        outside = _scaled(gram - overlap @ overlap.T, scale)
+        tightest = jnp.linalg.eigvalsh(outside + jnp.diag(jnp.where(scale > 0, 0.0, 1.0).astype(V.dtype))).min()
 
-    def _with_residuals(self, state: _State) -> _State:
-        m = state.values.shape[0]
-        X, AX = state.V[:, :m], state.AV[:, :m]
-        R = AX - self.B(X) * state.values[None, :]
+        def separated() -> tuple[Array, Array, Array, Array, Array]:
+            C = scale[:, None] * _whitening(outside, _tiny(V, len(scale)))[0]
+            directions = jnp.where(finite[None, :], W, 0) @ C - V @ (overlap.T @ C)
+            directions = self._constrained(directions)
+            B_directions = self.B(directions)
+            negative = _negative(gram.diagonal(), W, BW)
+            return directions, B_directions, B_directions.T @ V, B_directions.T @ directions, negative
+
+        doubtful = (tightest < _nearly_dependent(V)) | ~finite.all() | (gram.diagonal() < 0).any()
+        return jax.lax.cond(doubtful, separated, lambda: (W, BW, overlap, gram, jnp.bool_(False)))
+
+    def _with_pairs(
+        self,
+        state: _State,
+        V: Float[Array, "n 2*m"],
+        AV: Float[Array, "n 2*m"],
+        BX: Float[Array, "n m"],
+        values: Float[Array, " m"],
+    ) -> _State:
+        m = values.shape[0]
+        R = AV[:, :m] - BX * values[None, :]
         if self.constraints is not None:
             Y, BY = self.constraints
             R = R - BY @ (Y.T @ R)
-        errors = jnp.linalg.norm(R, axis=0) / jnp.linalg.norm(X, axis=0)
-        return eqx.tree_at(lambda s: (s.R, s.errors), state, (R, errors))
+        errors = jnp.linalg.norm(R, axis=0) / jnp.linalg.norm(V[:, :m], axis=0)
+        return eqx.tree_at(
+            lambda s: (s.V, s.AV, s.values, s.R, s.errors), state, (V, AV, values, R, errors)
+        )
 
     def _constrained(self, block: Float[Array, "n w"]) -> Float[Array, "n w"]:
         """Its B-orthogonal projection off the constraints."""
@@ -299,40 +313,53 @@ class _Iteration(eqx.Module):
         Y, BY = self.constraints
         return block - Y @ (BY.T @ block)
 
-    def _ritz_vectors(self, S: Float[Array, "n w"]) -> tuple[Array, Array, Array, Array, Array]:
-        """Ritz vectors V of span S, B-orthonormal; AV; Ritz values; which are not zero for want of rank; is B indefinite?"""
-        S = self._constrained(S)
-        S, negative = _orthonormalised(self.B, S)
-        S = self._constrained(S)
-        C, kept = _whitening(S.T @ self.B(S), 0.1)
-        S = S @ C
+    def _ritz_vectors(self, S: Float[Array, "n w"]) -> tuple[Array, Array, Array, Array, Array, Array]:
+        """Ritz vectors V of span S, B-orthonormal; AV; BV; Ritz values; which V are not zero for want of rank; B indefinite?"""
+        S, BS, kept, negative = _orthonormalised(self.B, self._constrained, S)
         AS = self.A(S)
         H = jnp.where(kept[:, None] & kept[None, :], S.T @ AS, 0)
         ritz_values, C = _ritz(H, kept)
-        kept = jnp.arange(len(kept)) < kept.sum()
-        return S @ C, AS @ C, ritz_values, kept, negative
+        return S @ C, AS @ C, BS @ C, ritz_values, jnp.arange(len(kept)) < kept.sum(), negative
 
 
-def _orthonormal(
-    B: BlockProduct, Y: Float[Array, "n c"]
-) -> tuple[Float[Array, "n c"], Float[Array, "n c"]]:
-    """A B-orthonormal basis of span Y, with zero columns where Y has not full rank, and its product with B."""
-    Y, _ = _orthonormalised(B, Y)
-    Y = Y @ _whitening(Y.T @ B(Y), 0.1)[0]
-    return Y, B(Y)
+def _orthonormalised(
+    B: BlockProduct, project: Callable[[Float[Array, "n w"]], Float[Array, "n w"]], S: Float[Array, "n w"]
+) -> tuple[Float[Array, "n w"], Float[Array, "n w"], Bool[Array, " w"], Bool[Array, ""]]:
+    """A B-orthonormal basis of span S by SVQB, twice where needed; its product with B; which columns are not zero; is B indefinite?"""
+    width = S.shape[1]
+
+    def once(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+        S, _, _, negative, passes, _ = carry
+        S = project(S)
+        BS = B(S)
+        gram = S.T @ BS
+        scale = _inverse_roots(gram.diagonal())
+        least = jnp.where(passes == 0, _tiny(S, width), 0.1)  # later, what is short is nothing but rounding
+        C, kept, eigenvalues = _whitening(_scaled(gram, scale), least)
+        C = scale[:, None] * C
+        rounding = [(scale * jnp.linalg.norm(block, axis=0)).max() for block in (S, BS)]
+        noise = _tiny(S, width) * jnp.maximum(1, rounding[0] * rounding[1])
+        negative |= _negative(gram.diagonal(), S, BS) | (eigenvalues < -noise).any()
+        rough = (kept & (eigenvalues < 0.1)).any()
+        return S @ C, BS @ C, kept, negative, passes + 1, rough
+
+    start = (S, jnp.zeros_like(S), jnp.zeros(width, bool), jnp.bool_(False), jnp.int32(0), jnp.bool_(True))
+    return jax.lax.while_loop(lambda carry: carry[-1] & (carry[-2] < 2), once, start)[:4]
 
 
-def _orthonormalised(B: BlockProduct, S: Float[Array, "n w"]) -> tuple[Float[Array, "n w"], Bool[Array, ""]]:
-    """Roughly B-orthonormal columns that span S, zeros for want of rank (once SVQB); and whether B is seen indefinite."""
-    BS = B(S)
-    gram = S.T @ BS
-    scale = _inverse_roots(gram.diagonal())
-    size = jnp.linalg.norm(S, axis=0), jnp.linalg.norm(BS, axis=0)
-    noise = _tiny(S, S.shape[1]) * jnp.maximum(1, (scale * size[0]).max() * (scale * size[1]).max())
-    scaled = gram * scale[:, None] * scale[None, :]
-    negative = (gram.diagonal() < 0).any() | (jnp.linalg.eigvalsh(scaled) < -noise).any()
-    C, _ = _whitening(scaled, _tiny(S, S.shape[1]))
-    return S @ (scale[:, None] * C), negative
+def _negative(energies: Float[Array, " w"], S: Float[Array, "n w"], BS: Float[Array, "n w"]) -> Bool[Array, ""]:
+    """Whether sᵀBs is negative for a column, by more than rounding."""
+    rounding = _tiny(S, S.shape[1]) * jnp.linalg.norm(S, axis=0) * jnp.linalg.norm(BS, axis=0)
+    return (energies < -rounding).any()
+
+
+def _scaled(gram: Float[Array, "w w"], scale: Float[Array, " w"]) -> Float[Array, "w w"]:
+    return gram * scale[:, None] * scale[None, :]
+
+
+def _nearly_dependent(like: Array) -> float:
+    """Least eigenvalue of a scaled Gram matrix that whitening in the coefficients bears: an error of ε^0.6 in BᵀB = I."""
+    return float(jnp.finfo(like.dtype).eps) ** 0.4
 
 
 def _tiny(like: Array, width: int) -> float:
@@ -346,11 +373,16 @@ def _inverse_roots(squares: Float[Array, " w"]) -> Float[Array, " w"]:
     return jnp.where(positive, jax.lax.rsqrt(jnp.where(positive, squares, 1)), 0)
 
 
-def _whitening(gram: Float[Array, "w w"], least: float) -> tuple[Float[Array, "w w"], Bool[Array, " w"]]:
-    """C with Cᵀ gram C = I, by eigenvectors (SVQB); its columns are zero, and not kept, where the eigenvalue is below `least`."""
+def _whitening(
+    gram: Float[Array, "w w"], least: float | Float[Array, ""]
+) -> tuple[Float[Array, "w w"], Bool[Array, " w"], Float[Array, " w"]]:
+    """C with Cᵀ gram C = I, by eigenvectors (SVQB); which of its columns are kept; all eigenvalues.
+
+    Columns whose eigenvalue is not above `least` are not kept, and zero.
+    """
     eigenvalues, Q = jnp.linalg.eigh(gram)
     kept = eigenvalues > least
-    return Q * jnp.where(kept, _inverse_roots(eigenvalues), 0)[None, :], kept
+    return Q * jnp.where(kept, _inverse_roots(eigenvalues), 0)[None, :], kept, eigenvalues
 
 
 def _ritz(H: Float[Array, "w w"], kept: Bool[Array, " w"]) -> tuple[Float[Array, " w"], Float[Array, "w w"]]:

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..sparse import matmat
+from ..sparse import assembled, matmat
 from ._dense import DenseEigh
 from ._problem import GeneralizedEigenproblem
 from ._scipy import ScipyEigsh
@@ -49,7 +49,7 @@ def eigsolve(
     if solver is None:
         solver = DenseEigh() if problem.size <= max(_DENSE_IS_FASTER, k) else ScipyEigsh()
 
-    held = jax.lax.stop_gradient(problem)
+    held = jax.lax.stop_gradient(GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B)))
     solution = solver.compute(held, k, None if guess is None else jax.lax.stop_gradient(guess))
     if throw:
         solution = solution.result.error_if(solution, solution.result != RESULTS.successful)

@@ -14,7 +14,9 @@ References: T. Regge, General relativity without coordinates (1961); S. Christia
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import lineax as lx
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
 
 from ..eigen import GeneralizedEigenproblem
 from ..geometry import (
@@ -26,7 +28,7 @@ from ..geometry import (
     transport_angles,
 )
 from ..mesh import Topology
-from ..sparse import SymmetricBlockOperator
+from ..sparse import SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
 from ._discretization import AbstractDiscretization
 
 
@@ -34,7 +36,7 @@ class Regge(AbstractDiscretization):
     """Tangent vectors at vertices, two unknowns each: positive semi-definite, λ₀ of fourth order, any boundary."""
 
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
-        return GeneralizedEigenproblem(_stiffness(lengths, topology), vector_mass(lengths, topology))
+        return GeneralizedEigenproblem(_killing_operator(lengths, topology), vector_mass(lengths, topology))
 
     def to_vertex_vectors(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
@@ -90,27 +92,81 @@ def energy_density(
     return jnp.einsum("fs,fst,ft->f", sides, _tensor_products(lengths, topology), sides)
 
 
-def _stiffness(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlockOperator:
-    """A with xᵀAx = Σ_f area_f hᵀ⟨S, S⟩h."""
-    rates = _rate_coefficients(lengths, topology)[topology.face_edges]  # [F, side, tail/head, 2]
+class KillingOperator(lx.AbstractLinearOperator):
+    """A with xᵀAx = Σ_f area_f hᵀ⟨S, S⟩h, kept in its factors: x → rates of the edges → tensors of the faces and back.
+
+    The factors are what derivatives flow through, at a quarter of the cost of going through the assembled matrix, and
+    they give the small energies of nearly symmetric fields without cancellation.
+    """
+
+    rate_coefficients: Float[Array, "E 2 2"]
+    """∂h_e/∂U at tail and head of each edge."""
+    side_products: Float[Array, "F 3 3"]
+    """area × ⟨S_e, S_e'⟩ of the sides of each face."""
+    topology: Topology
+
+    def mv(self, vector: Float[Array, " n"]) -> Float[Array, " n"]:
+        return matmat(self, vector[:, None])[:, 0]
+
+    def as_matrix(self) -> Float[Array, "n n"]:
+        return assembled(self).as_matrix()
+
+    def transpose(self) -> "KillingOperator":
+        return self
+
+    def in_structure(self) -> jax.ShapeDtypeStruct:
+        return jax.ShapeDtypeStruct((2 * self.topology.n_vertices,), self.rate_coefficients.dtype)
+
+    def out_structure(self) -> jax.ShapeDtypeStruct:
+        return self.in_structure()
+
+
+declare_leaf(KillingOperator, positive_semidefinite=True)
+
+
+def _killing_operator(lengths: Float[Array, " E"], topology: Topology) -> KillingOperator:
+    area = face_areas(lengths, topology)[:, None, None]
+    return KillingOperator(
+        _rate_coefficients(lengths, topology), area * _tensor_products(lengths, topology), topology
+    )
+
+
+@matmat.register
+def _(operator: KillingOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    topology = operator.topology
+    vectors = block.reshape(topology.n_vertices, 2, -1)
+    rates = jnp.einsum("eac,eack->ek", operator.rate_coefficients, vectors[topology.edges])
+    sides = jnp.einsum("fst,ftk->fsk", operator.side_products, rates[topology.face_edges])
+    at_edges = _sum_over(topology.face_edges, sides, topology.n_edges)
+    at_ends = operator.rate_coefficients[..., None] * at_edges[:, None, None, :]
+    return _sum_over(topology.edges, at_ends, topology.n_vertices).reshape(block.shape)
+
+
+@to_scipy.register
+def _(operator: KillingOperator) -> sp.csr_array:
+    return to_scipy(assembled(operator))
+
+
+@assembled.register
+@jax.jit
+def _(operator: KillingOperator) -> SymmetricBlockOperator:
+    topology = operator.topology
+    rates, products = operator.rate_coefficients[topology.face_edges], operator.side_products
     along = (topology.face_edge_signs > 0)[:, :, None]
     at_start = jnp.where(along, rates[:, :, 0], rates[:, :, 1])
     at_end = jnp.where(along, rates[:, :, 1], rates[:, :, 0])
-    products = face_areas(lengths, topology)[:, None, None] * _tensor_products(lengths, topology)
 
     # Corner c is the start of side c and the end of side c − 1.
     at_end = jnp.roll(at_end, 1, axis=1)
+    start_end = jnp.roll(products, 1, axis=2)
     end_start = jnp.roll(products, 1, axis=1)
     end_end = jnp.roll(end_start, 1, axis=2)
 
     def block(a: int, b: int) -> Float[Array, "F 2 2"]:
         """Rows of corner a, columns of corner b."""
-        left = (
-            products[:, a, b, None] * at_start[:, b]
-            + jnp.roll(products, 1, axis=2)[:, a, b, None] * at_end[:, b]
-        )
-        right = end_start[:, a, b, None] * at_start[:, b] + end_end[:, a, b, None] * at_end[:, b]
-        return at_start[:, a, :, None] * left[:, None, :] + at_end[:, a, :, None] * right[:, None, :]
+        start = products[:, a, b, None] * at_start[:, b] + start_end[:, a, b, None] * at_end[:, b]
+        end = end_start[:, a, b, None] * at_start[:, b] + end_end[:, a, b, None] * at_end[:, b]
+        return at_start[:, a, :, None] * start[:, None, :] + at_end[:, a, :, None] * end[:, None, :]
 
     on_corners = jnp.stack([block(c, c) for c in range(3)], axis=1)
     on_sides = jnp.stack([block(c, (c + 1) % 3) for c in range(3)], axis=1)
@@ -119,6 +175,7 @@ def _stiffness(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBloc
         diagonal=_sum_over(topology.faces, on_corners, topology.n_vertices),
         upper=_sum_over(topology.face_edges, on_sides, topology.n_edges),
         edges=topology.edges,
+        row_order=_row_order(topology),
     )
 
 
@@ -135,8 +192,15 @@ def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlo
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=lengths.dtype)[None],
         upper=edge[:, None, None] * head_to_tail,
         edges=topology.edges,
+        row_order=_row_order(topology),
     )
 
 
-def _sum_over(indices: Array, values: Float[Array, "F 3 *block"], count: int) -> Float[Array, "count *block"]:
+def _row_order(topology: Topology) -> Int[Array, " S"]:
+    """Edges seen from their tails (e) and heads (E + e), in the order of the spokes that they are."""
+    seen = jnp.arange(2 * topology.n_edges, dtype=topology.edge_spokes.dtype)
+    return jnp.zeros_like(seen).at[topology.edge_spokes.T.reshape(-1)].set(seen)
+
+
+def _sum_over(indices: Array, values: Float[Array, "m w *block"], count: int) -> Float[Array, "count *block"]:
     return jax.ops.segment_sum(values.reshape(-1, *values.shape[2:]), indices.ravel(), num_segments=count)

@@ -1,0 +1,248 @@
+"""Sparsity laid out on the host, numbers filled in under jit: block matrices times blocks of vectors, and times each other.
+
+Both kinds of product are sums of a varying number of terms, one sum a row (or an entry). Sums of similar length stand
+together, padded to the same length, so that all of them advance by one term at once: gathers and no scatter.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Array, Float, Int
+
+_MOST_CLASSES = 3  # lengths that sums are padded to
+_WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
+_UNROLLED = 8  # terms added at once: fewer cost memory traffic, more cost compilation
+
+
+class Pattern(NamedTuple):
+    """Where a block matrix has entries, by rows: those of row r are `starts[r] : starts[r + 1]`. NumPy, on the host."""
+
+    starts: np.ndarray
+    columns: np.ndarray
+    """Column block of each entry, ascending in each row."""
+    entries: np.ndarray
+    """Number of each entry's block in the list of blocks that goes with the matrix."""
+    n_columns: int
+
+    @property
+    def n_rows(self) -> int:
+        return len(self.starts) - 1
+
+    @property
+    def rows(self) -> np.ndarray:
+        return np.repeat(np.arange(self.n_rows, dtype=np.int32), np.diff(self.starts))
+
+    @classmethod
+    def from_entries(
+        cls, rows: np.ndarray, columns: np.ndarray, entries: np.ndarray, shape: tuple[int, int]
+    ) -> "Pattern":
+        """From triples in any order, no place twice."""
+        matrix = sp.coo_array((entries.astype(np.int32), (rows, columns)), shape=shape).tocsr()
+        matrix.sort_indices()
+        return cls(matrix.indptr, matrix.indices, matrix.data, shape[1])
+
+    @classmethod
+    def of_graph(cls, edges: Int[np.ndarray, "m 2"], n_nodes: int) -> "Pattern":
+        """Of a `SymmetricBlockOperator`: its blocks are the diagonal ones, the upper ones, the transposed upper ones."""
+        nodes, (tail, head) = np.arange(n_nodes, dtype=np.int32), edges.T
+        rows, columns = np.concatenate([nodes, tail, head]), np.concatenate([nodes, head, tail])
+        return cls.from_entries(rows, columns, np.arange(len(rows)), (n_nodes, n_nodes))
+
+    def transposed(self) -> "Pattern":
+        """The same blocks, seen from the columns."""
+        return Pattern.from_entries(self.columns, self.rows, self.entries, (self.n_columns, self.n_rows))
+
+
+class RowLayout(eqx.Module):
+    """A pattern laid out for products with blocks of vectors."""
+
+    columns: tuple[Int[Array, "chunks slots rows"], ...]
+    """Column block of each term; the terms are added in chunks."""
+    entries: tuple[Int[Array, "chunks slots rows"], ...]
+    """Block of each term; out of bounds for none."""
+    places: Int[Array, " n"] | None
+    """Where each row has gone, unless all stand in their order."""
+
+    @classmethod
+    def build(cls, pattern: Pattern) -> "RowLayout":
+        classes, places = _length_classes(np.diff(pattern.starts))
+        columns, entries = [], []
+        for rows, width in classes:
+            position, inside = _terms(pattern.starts, rows, width)
+            columns.append(np.where(inside, pattern.columns[position], 0))
+            entries.append(np.where(inside, pattern.entries[position], _NOTHING))
+        return cls(
+            tuple(jnp.asarray(_chunked(part, 0)) for part in columns),
+            tuple(jnp.asarray(_chunked(part, _NOTHING)) for part in entries),
+            None if places is None else jnp.asarray(places),
+        )
+
+    def fill(self, blocks: Float[Array, "m r c"]) -> "RowProduct":
+        """The matrix with these blocks."""
+        _, r, c = blocks.shape
+
+        def values(entries: Int[Array, "chunks slots rows"]) -> Float[Array, "chunks slots c rows*r"]:
+            found = blocks.at[entries].get(mode="fill", fill_value=0)
+            return jnp.moveaxis(found, 4, 2).reshape(*entries.shape[:2], c, -1)
+
+        return RowProduct(tuple(values(part) for part in self.entries), self.columns, self.places, r)
+
+
+class RowProduct(eqx.Module):
+    """X ↦ M X for a matrix M of r × c blocks; unknown a of node i is number r i + a of the result."""
+
+    values: tuple[Float[Array, "chunks slots c rows*r"], ...]
+    columns: tuple[Int[Array, "chunks slots rows"], ...]
+    places: Int[Array, " n"] | None
+    r: int = eqx.field(static=True)
+
+    def __call__(self, block: Float[Array, "mc k"]) -> Float[Array, "nr k"]:
+        def chunk(values: Float[Array, "slots c rows*r"], columns: Int[Array, "slots rows"]) -> Array:
+            total = jnp.zeros((values.shape[2], block.shape[1]), block.dtype)
+            for slot in range(values.shape[0]):
+                for c in range(values.shape[1]):
+                    row = values.shape[1] * columns[slot] + c
+                    row = jnp.broadcast_to(row[:, None], (len(row), self.r)).reshape(-1)
+                    total += values[slot, c][:, None] * block.at[row].get(mode="promise_in_bounds")
+            return total
+
+        parts = []
+        for values, columns in zip(self.values, self.columns, strict=True):
+            total = chunk(values[0], columns[0])
+            if len(values) > 1:
+                rest = (values[1:], columns[1:])
+                total, _ = jax.lax.scan(lambda total, terms: (total + chunk(*terms), None), total, rest)
+            parts.append(total)
+        product = jnp.concatenate(parts)
+        if self.places is None:
+            return product
+        rows = product.reshape(-1, self.r * block.shape[1])
+        return rows.at[self.places].get(mode="promise_in_bounds").reshape(product.shape)
+
+
+class ProductLayout(eqx.Module):
+    """Which pairs of blocks of L and R add up to each block of the matrix product L R."""
+
+    left: tuple[Int[Array, "slots entries"], ...]
+    """Block of L of each term; out of bounds for none."""
+    right: tuple[Int[Array, "slots entries"], ...]
+    places: Int[Array, " m"] | None
+
+    @classmethod
+    def build(cls, L: Pattern, R: Pattern, *, upper: bool = False) -> tuple["ProductLayout", Pattern]:
+        """The layout, and the pattern of the product; with `upper`, of its entries with row ≤ column only."""
+        lengths = np.diff(R.starts)[L.columns]
+        ends = np.cumsum(lengths)
+        left = np.repeat(np.arange(len(lengths), dtype=np.int32), lengths)
+        first = R.starts[L.columns] - (ends - lengths)
+        right = np.arange(len(left), dtype=np.int32) + np.repeat(first.astype(np.int32), lengths)
+        columns = R.columns[right]
+        row_ends = np.append(0, ends)[L.starts[1:]]
+        if upper:
+            keep = columns >= L.rows[left]
+            left, right, columns = left[keep], right[keep], columns[keep]
+            row_ends = np.append(0, np.cumsum(keep))[row_ends]
+
+        # SciPy sorts the terms of each row by their column.
+        starts = np.append(0, row_ends).astype(np.int32)
+        terms = sp.csr_array(
+            (np.arange(len(left), dtype=np.int32), columns, starts), shape=(L.n_rows, R.n_columns)
+        )
+        terms.sort_indices()
+        is_first = np.ones(len(left), bool)
+        is_first[1:] = terms.indices[1:] != terms.indices[:-1]
+        is_first[starts[:-1][starts[:-1] < len(left)]] = True
+        entry_starts = np.append(np.flatnonzero(is_first), len(left))
+        counts = np.append(0, np.cumsum(is_first, dtype=np.int32))
+        pattern = Pattern(
+            starts=counts[starts],
+            columns=terms.indices[entry_starts[:-1]],
+            entries=np.arange(len(entry_starts) - 1, dtype=np.int32),
+            n_columns=R.n_columns,
+        )
+
+        left, right = L.entries[left[terms.data]], R.entries[right[terms.data]]
+        classes, places = _length_classes(np.diff(entry_starts))
+        lefts, rights = [], []
+        for entries, width in classes:
+            position, inside = _terms(entry_starts, entries, width)
+            lefts.append(np.where(inside, left[position], _NOTHING))
+            rights.append(np.where(inside, right[position], 0))
+        layout = cls(
+            tuple(jnp.asarray(part) for part in lefts),
+            tuple(jnp.asarray(part) for part in rights),
+            None if places is None else jnp.asarray(places),
+        )
+        return layout, pattern
+
+    def __call__(self, L: Float[Array, "l a b"], R: Float[Array, "r b c"]) -> Float[Array, "m a c"]:
+        """The blocks of L R."""
+
+        def add(total: Array, term: tuple[Array, Array]) -> tuple[Array, None]:
+            x, y = L.at[term[0]].get(mode="fill", fill_value=0), R.at[term[1]].get(mode="promise_in_bounds")
+            for b in range(L.shape[2]):
+                total += x[:, :, b, None] * y[:, b, None, :]
+            return total, None
+
+        parts = []
+        for left, right in zip(self.left, self.right, strict=True):
+            empty = jnp.zeros((left.shape[1], L.shape[1], R.shape[2]), L.dtype)
+            parts.append(jax.lax.scan(add, empty, (left, right), unroll=min(4, len(left)))[0])
+        product = jnp.concatenate(parts)
+        return product if self.places is None else product[self.places]
+
+
+_NOTHING = np.int32(np.iinfo(np.int32).max)
+
+
+def _length_classes(
+    lengths: Int[np.ndarray, " n"],
+) -> tuple[list[tuple[np.ndarray, int]], np.ndarray | None]:
+    """The sums in classes, each with the length it is padded to, and the place of every sum when the classes follow each other.
+
+    At most three classes, chosen to minimise the padding; one, with places None, where more do not pay.
+    """
+    values, counts = np.unique(lengths, return_counts=True)
+    below = np.append(0, np.cumsum(counts))
+    # cost[j, i]: sums with length in values[j : i], padded to values[i − 1]
+    cost = (below[None, :] - below[:, None]) * np.append(0, values)[None, :]
+    cost = np.where(np.tri(len(below), k=-1, dtype=bool), np.inf, cost)
+    best, cuts = cost[0], []
+    total, chosen = best[-1], [len(values)]  # number of values up to the end of each class
+    for _ in range(min(_MOST_CLASSES, len(values)) - 1):
+        following = best[:, None] + cost
+        cuts.append(following.argmin(axis=0))
+        best = following.min(axis=0)
+        if best[-1] <= _WORTH_A_CLASS * total:
+            total, chosen = best[-1], [len(values)]
+            for cut in reversed(cuts):
+                chosen.append(cut[chosen[-1]])
+    widths = values[np.unique(chosen) - 1]
+    which = np.searchsorted(widths, lengths)
+    classes = [(np.flatnonzero(which == c), int(max(width, 1))) for c, width in enumerate(widths)]
+    if len(classes) == 1:
+        return classes, None
+    order = np.concatenate([rows for rows, _ in classes])
+    places = np.empty(len(order), np.int32)
+    places[order] = np.arange(len(order), dtype=np.int32)
+    return classes, places
+
+
+def _terms(starts: np.ndarray, sums: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions `[width, len(sums)]` of the terms of these sums, and which of them are terms at all."""
+    position = starts[sums][None] + np.arange(width, dtype=starts.dtype)[:, None]
+    inside = position < starts[sums + 1][None]
+    return np.where(inside, position, 0), inside
+
+
+def _chunked(slots: np.ndarray, nothing: int) -> np.ndarray:
+    """`[chunks, slots, rows]`, as few chunks of equal length as need be, the last filled up."""
+    width, rows = slots.shape
+    chunks = -(-width // _UNROLLED)
+    size = -(-width // chunks)
+    filler = np.full((chunks * size - width, rows), nothing, slots.dtype)
+    return np.concatenate([slots, filler]).reshape(chunks, size, rows)
