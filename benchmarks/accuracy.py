@@ -1,6 +1,6 @@
 """Accuracy against exact spectra: the table in README.
 
-    python benchmarks/accuracy.py
+python benchmarks/accuracy.py
 """
 
 import jax

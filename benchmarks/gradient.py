@@ -1,6 +1,6 @@
 """What the gradient costs: value and gradient of λ₀ against the eigensolve alone, paired in one run.
 
-    python benchmarks/gradient.py [--frequency 32] [--repeats 9]
+python benchmarks/gradient.py [--frequency 32] [--repeats 9]
 """
 
 import argparse

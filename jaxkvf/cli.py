@@ -204,10 +204,10 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
 
         unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
         (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(done.mesh, after)
-        titles = tuple(
-            f"{when}: λ₀·area = {float(fields.dimensionless[0]):.2g}"
-            for when, fields in (("before", before), ("after", after))
-        )
+
+        def title(when: str, fields: KillingFields) -> str:
+            return f"{when}: λ₀·area = {float(fields.dimensionless[0]):.2g}"
+
         render_before_after(
             path,
             x0,
@@ -216,7 +216,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
             unit=unit,
             vectors_before=field0[0],
             vectors_after=field1[0],
-            titles=titles,
+            titles=(title("before", before), title("after", after)),
             view=Z_UP if options.mesh is None else None,
         )
 

@@ -108,7 +108,9 @@ def rotation_field(mesh):
     return g.project(ambient, g.vertex_frames(x, mesh.topology))
 
 
-@pytest.mark.parametrize("make", [shapes.icosphere, lambda n: shapes.torus(3 * n, n)], ids=["sphere", "torus"])
+@pytest.mark.parametrize(
+    "make", [shapes.icosphere, lambda n: shapes.torus(3 * n, n)], ids=["sphere", "torus"]
+)
 def test_sharp_undoes_flat(make):
     errors = []
     for n in (6, 12, 24):

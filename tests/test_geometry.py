@@ -78,8 +78,10 @@ def test_second_derivative_of_area_at_a_tie():
 
 
 def test_vertex_areas_on_a_regular_hexagon():
-    lengths, topology = (lambda m: (g.edge_lengths(m.vertices, m.topology), m.topology))(shapes.disk(3))
-    centre = int(np.argmin(np.linalg.norm(np.asarray(shapes.disk(3).vertices), axis=1)))
+    mesh = shapes.disk(3)
+    topology = mesh.topology
+    lengths = g.edge_lengths(mesh.vertices, topology)
+    centre = int(np.argmin(np.linalg.norm(np.asarray(mesh.vertices), axis=1)))
     side = float(lengths[topology.spoke_edges[topology.spoke_starts[centre]]])
     hexagon = 6 * np.sqrt(3) / 4 * side**2
     ours = float(g.barycentric_vertex_areas(lengths, topology)[centre])
@@ -153,7 +155,7 @@ def test_ambient_frames_are_orthonormal_and_tangent():
     np.testing.assert_allclose(np.linalg.det(full), 1, rtol=1e-12)
 
 
-@pytest.mark.parametrize("make", [lambda n: shapes.icosphere(n), lambda n: shapes.disk(n)])
+@pytest.mark.parametrize("make", [shapes.icosphere, shapes.disk])
 def test_ambient_frames_agree_with_the_intrinsic_directions(make):
     """The spokes' intrinsic directions, embedded, point along the projected edges; better on finer meshes."""
     errors = []

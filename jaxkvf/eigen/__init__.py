@@ -1,9 +1,12 @@
 """Smallest eigenpairs of generalized symmetric problems, and their derivatives. Knows nothing of meshes."""
 
+from ._coarsening import Coarsening as Coarsening
+from ._coarsening import Interpolation as Interpolation
 from ._dense import DenseEigh as DenseEigh
 from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
+from ._multigrid import Multigrid as Multigrid
 from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
 from ._scipy import ScipyEigsh as ScipyEigsh
 from ._solution import RESULTS as RESULTS

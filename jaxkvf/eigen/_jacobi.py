@@ -37,7 +37,7 @@ class Chebyshev(AbstractPreconditioner):
     saved.
     """
 
-    degree: int = eqx.field(default=12, static=True)
+    degree: int = eqx.field(default=32, static=True)
 
     def __check_init__(self) -> None:
         if self.degree < 1:

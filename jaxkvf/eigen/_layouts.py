@@ -42,7 +42,6 @@ class Pattern(NamedTuple):
     ) -> "Pattern":
         """From triples in any order, no place twice."""
         matrix = sp.coo_array((entries.astype(np.int32), (rows, columns)), shape=shape).tocsr()
-        matrix.sort_indices()
         return cls(matrix.indptr, matrix.indices, matrix.data, shape[1])
 
     @classmethod

@@ -14,7 +14,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, DTypeLike, Float, Int
 
 from ._ell import BlockProduct, block_product
 from ._jacobi import cheap_diagonal
@@ -108,9 +108,9 @@ class LOBPCG(AbstractEigensolver):
 class _State(eqx.Module):
     """Where the iteration stands. X and P are B-orthonormal and B-orthogonal to each other."""
 
-    V: Float[Array, "n 2*m"]
+    V: Float[Array, "n w"]
     """X, the Ritz vectors, then P, the search directions that led there; columns of P that are not kept are zero."""
-    AV: Float[Array, "n 2*m"]
+    AV: Float[Array, "n w"]
     values: Float[Array, " m"]
     """Ritz values, ascending: XᵀAX. XᵀAP = 0."""
     P_energy: Float[Array, "m m"]
@@ -145,8 +145,8 @@ class _Iteration(eqx.Module):
     max_steps: int = eqx.field(static=True)
 
     def starting_basis(
-        self, n: int, m: int, guess: Float[Array, "n g"] | None, key: Array, dtype: jnp.dtype
-    ) -> Float[Array, "n 2*m"]:
+        self, n: int, m: int, guess: Float[Array, "n g"] | None, key: Array, dtype: DTypeLike
+    ) -> Float[Array, "n w"]:
         """Guess, then the preconditioner's proposals where the guess is too small, then random vectors.
 
         At least half of the columns are random or proposed, so that a guess without full rank does no harm.
@@ -161,7 +161,7 @@ class _Iteration(eqx.Module):
         rest = 2 * m - sum(part.shape[1] for part in parts)
         return jnp.concatenate([*parts, jax.random.normal(key, (n, rest), dtype)], axis=1)
 
-    def run(self, basis: Float[Array, "n 2*m"]) -> _State:
+    def run(self, basis: Float[Array, "n w"]) -> _State:
         n, m = basis.shape[0], basis.shape[1] // 2
         zero, dtype = jnp.int32(0), basis.dtype
         unknown = _State(
@@ -291,8 +291,8 @@ class _Iteration(eqx.Module):
     def _with_pairs(
         self,
         state: _State,
-        V: Float[Array, "n 2*m"],
-        AV: Float[Array, "n 2*m"],
+        V: Float[Array, "n w"],
+        AV: Float[Array, "n w"],
         BX: Float[Array, "n m"],
         values: Float[Array, " m"],
     ) -> _State:
@@ -395,8 +395,8 @@ def _ritz(H: Float[Array, "w w"], kept: Bool[Array, " w"]) -> tuple[Float[Array,
 
 
 def _conjugate_directions(
-    C: Float[Array, "3*m 3*m"],
-) -> tuple[Float[Array, "3*m m"], Bool[Array, " m"]]:
+    C: Float[Array, "w w"],
+) -> tuple[Float[Array, "w m"], Bool[Array, " m"]]:
     """Coefficients of P: what the new X has outside the old one, orthonormal and orthogonal to the new X."""
     m = C.shape[0] // 3
     new, others = C[:, :m], C[:, m:]

@@ -11,81 +11,242 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..sparse import SymmetricBlockOperator
-from ._coarsening import Coarsening
+from ._coarsening import Coarsening, times
 from ._jacobi import _apply_blocks, _inverse_factors
 from ._layouts import RowProduct
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
 from ._residual import spectral_norm
 
+_MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
+
+# Of the Chebyshev polynomials of the fourth kind that make the V-cycle's bound on convergence least (Lottes, table 1): what
+# each correction counts, by degree.
+_CORRECTIONS = {
+    1: (1.125,),
+    2: (1.02387287570313, 1.26408905371085),
+    3: (1.00842544782028, 1.08867839208730, 1.33753125909618),
+    4: (1.00391310427285, 1.04035811188593, 1.14863498546254, 1.38268869241000),
+    5: (1.00212930146164, 1.02173711549260, 1.07872433192603, 1.19810065292663, 1.41322542791682),
+    6: (1.00128517255940, 1.01304293035233, 1.04678215124113, 1.11616489419675, 1.23829020218444, 1.43524297106744),
+}
+
 
 class Multigrid(AbstractPreconditioner):
-    """One V-cycle for A + sB, symmetric and positive definite, from a hierarchy of ever coarser graphs.
+    """One V-cycle for A + sB, symmetric and positive definite, on a hierarchy of ever coarser graphs.
 
     Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the coarsest problem
-    is solved directly. All numbers but the interpolation weights come from the problem, so the same `Multigrid` serves while
+    is solved directly. All numbers but the interpolation's weights come from the problem, so that one `Multigrid` serves while
     its entries change. A and B must be `SymmetricBlockOperator`s on the graph that the hierarchy was built for, A positive
-    semi-definite and each off-diagonal block of B a positive multiple of the rotation that carries components from column to
-    row frame, as in mass matrices with transport along edges (of +1, for scalars).
+    semi-definite, and each off-diagonal block of B a positive multiple of the rotation that carries components from the
+    column's frame to the row's, as in a mass matrix with transport along the edges (of 1 for scalars).
     """
 
     hierarchy: tuple[Coarsening, ...]
     """From fine to coarse; empty for a direct solve."""
     degree: int = eqx.field(default=3, static=True)
-    """Of the smoother, from 1 to 6: products with the operator before and after each coarse correction."""
+    """Of the smoother, 1 to 6: products with the operator before and after each coarse correction."""
     dtype: str | None = eqx.field(default=None, static=True)
-    """Precision inside: `"float32"` halves memory and does not slow LOBPCG in float64 down. By default the problem's."""
+    """Precision inside the cycle, by default the problem's; `"float32"` is enough for LOBPCG in float64, in half the memory."""
     nested_steps: int = eqx.field(default=2, static=True)
-    """Improvements of the starting vectors on each level but the finest."""
+    """Improvements of the starting vectors on each level between the coarsest and the finest."""
 
     def __check_init__(self) -> None:
-        if self.degree not in range(1, len(_SMOOTHERS) + 1):
-            raise ValueError(f"degree must be from 1 to {len(_SMOOTHERS)}, got {self.degree}")
+        if self.degree not in _CORRECTIONS:
+            raise ValueError(f"degree must be from 1 to {max(_CORRECTIONS)}, got {self.degree}")
         if self.dtype not in (None, "float32", "float64"):
             raise ValueError(f"dtype must be None, 'float32' or 'float64', got {self.dtype!r}")
         if self.nested_steps < 0:
             raise ValueError(f"nested_steps must not be negative, got {self.nested_steps}")
 
-    def prepare(self, problem: GeneralizedEigenproblem) -> "_VCycle":
+    def prepare(self, problem: GeneralizedEigenproblem) -> AbstractApproximateInverse:
         """The cycle for this problem.
 
         Raises:
-            ValueError: the problem is not on the hierarchy's graph, or A or B is no `SymmetricBlockOperator`.
+            ValueError: A or B is no `SymmetricBlockOperator`, or not on the hierarchy's graph.
         """
-        A, B = _bare(problem.A), _bare(problem.B)
-        if not (isinstance(A, SymmetricBlockOperator) and isinstance(B, SymmetricBlockOperator)):
-            raise ValueError(
-                f"Multigrid needs A and B as SymmetricBlockOperator, got {type(A).__name__} and {type(B).__name__}"
-            )
-        if self.hierarchy:
-            graph = self.hierarchy[0].weights.shape[0], self.hierarchy[0].n_edges
-            if not graph == (A.diagonal.shape[0], A.upper.shape[0]) == (B.diagonal.shape[0], B.upper.shape[0]):
-                raise ValueError(
-                    f"the hierarchy was built for {graph[0]} nodes and {graph[1]} edges, but A has "
-                    f"{A.diagonal.shape[0]} and {A.upper.shape[0]}, B {B.diagonal.shape[0]} and {B.upper.shape[0]}"
-                )
-        # The shift is the typical spacing of the spectrum, Σ over all n unknowns replacing n times a typical term.
+        A, B = self._checked(problem.A), self._checked(problem.B)
         a, b = (M.diagonal.diagonal(axis1=1, axis2=2) for M in (A, B))
+        # About the spacing of the spectrum: λ_max / n, with the sum over all unknowns in place of n like terms.
         shift = 1 / jnp.where(a > 0, b / jnp.where(a > 0, a, 1), 0).sum()
+
         dtype = jnp.dtype(self.dtype or problem.dtype)
         K = SymmetricBlockOperator(
             (A.diagonal + shift * B.diagonal).astype(dtype), (A.upper + shift * B.upper).astype(dtype), A.edges
         )
-        size = jnp.linalg.norm(B.upper, axis=(1, 2)) / B.block_size**0.5
-        turns = (B.upper / size[:, None, None]).astype(dtype)
-        masses = b.mean(axis=1).astype(dtype)
-
-        levels, scaling = [], None
-        pending = None  # the prolongation to the level above, until its columns are scaled
+        length = jnp.linalg.norm(B.upper, axis=(1, 2)) / B.block_size**0.5
+        turns = (B.upper / length[:, None, None]).astype(dtype)
+        masses = (b.mean(axis=1) / b.mean()).astype(dtype)
+        levels = []
         for coarsening in self.hierarchy:
-            # In unknowns scaled by G, GᵀG the inverse of the diagonal blocks, block Jacobi is the identity.
-            G = _inverse_factors(K.diagonal)
-            to_scaled = _product(G, K.diagonal)  # G⁻ᵀ
-            if pending is None:
-                scaling = G
-            else:
-                levels.append(pending(G))
-            K, pending, turns, masses = _level(coarsening, K, G, to_scaled, turns, masses, self.degree)
-        if pending is not None:
-            levels.append(pending(None))
-        ...
+            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree)
+            levels.append(level)
+        return _VCycle(tuple(levels), _Direct.factorize(K, masses), self.nested_steps)
+
+    def _checked(self, operator: lx.AbstractLinearOperator) -> SymmetricBlockOperator:
+        while isinstance(operator, lx.TaggedLinearOperator):
+            operator = operator.operator
+        if not isinstance(operator, SymmetricBlockOperator):
+            raise ValueError(f"Multigrid needs A and B as SymmetricBlockOperator, got {type(operator).__name__}")
+        if self.hierarchy:
+            finest = self.hierarchy[0].interpolation
+            built, got = (finest.weights.shape[0], finest.n_edges), (len(operator.diagonal), len(operator.upper))
+            if built != got:
+                raise ValueError(
+                    f"the hierarchy was built for {built[0]} nodes and {built[1]} edges, the operator has {got[0]} and {got[1]}"
+                )
+        return operator
+
+
+class _Direct(eqx.Module):
+    """K on the coarsest level, D^½ V diag(w) Vᵀ D^½ with the masses D: a solve and an eigenproblem at once."""
+
+    values: Float[Array, " n"]
+    vectors: Float[Array, "n n"]
+    """D^−½ V: eigenvectors of K x = w D x."""
+
+    @classmethod
+    def factorize(cls, K: SymmetricBlockOperator, masses: Float[Array, " nodes"]) -> "_Direct":
+        half = jnp.repeat(jax.lax.rsqrt(masses), K.block_size)
+        values, V = jnp.linalg.eigh(half[:, None] * K.as_matrix() * half[None, :])
+        # K is positive definite, but in rounding; a preconditioner must be so in fact.
+        least = jnp.finfo(values.dtype).eps * values[-1]
+        return cls(jnp.maximum(values, least), half[:, None] * V)
+
+    def solve(self, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        return self.vectors @ ((self.vectors.T @ block) / self.values[:, None])
+
+
+class _Level(eqx.Module):
+    """A level of the hierarchy, its unknowns x̂ = G⁻ᵀ x scaled so that the diagonal blocks of its operator are identities."""
+
+    G: Float[Array, "n b b"]
+    K: RowProduct
+    """G K Gᵀ."""
+    P: RowProduct
+    """G⁻ᵀ P: coarse unknowns, unscaled, to fine ones, scaled."""
+    R: RowProduct
+    """Its transpose."""
+    masses: Float[Array, " n"]
+    largest: Float[Array, ""]
+    """Upper bound of the eigenvalues of K."""
+    degree: int = eqx.field(static=True)
+
+    @classmethod
+    def descend(
+        cls,
+        coarsening: Coarsening,
+        K: SymmetricBlockOperator,
+        turns: Float[Array, "m b b"],
+        masses: Float[Array, " n"],
+        degree: int,
+    ) -> tuple["_Level", SymmetricBlockOperator, Float[Array, "coarse_m b b"], Float[Array, " n_coarse"]]:
+        """The level of the operator K, and the operator, turns and masses of the next."""
+        n, b, _ = K.diagonal.shape
+        interpolation, dtype = coarsening.interpolation, K.diagonal.dtype
+        G = _inverse_factors(K.diagonal)
+        tail, head = K.edges.T
+        upper = times(times(G[tail], K.upper), G.mT[head])
+        identity = jnp.broadcast_to(jnp.eye(b, dtype=dtype), (n, b, b))
+        blocks = jnp.concatenate([identity, upper, upper.mT])
+        product = coarsening.operator.fill(blocks)
+
+        rotations, coarse_turns = interpolation.rotations(turns)
+        to_scaled = times(G, K.diagonal)  # G⁻ᵀ
+        P = interpolation.weights.astype(dtype)[:, :, None, None] * times(to_scaled[:, None], rotations)
+        P = P.reshape(-1, b, b)
+        shares = interpolation.shares().astype(dtype).reshape(-1, 1, 1)
+        level = cls(
+            G=G,
+            K=product,
+            P=coarsening.prolongation.fill(P),
+            R=coarsening.restriction.fill(P.mT),
+            masses=masses,
+            largest=_MARGIN * spectral_norm(product, n * b, dtype),
+            degree=degree,
+        )
+        coarse_masses = coarsening.restriction.fill(shares)(masses[:, None])[:, 0]
+        return level, coarsening.coarse_operator(blocks, P), coarse_turns, coarse_masses
+
+    def smooth(self, r: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
+        """p(K) r: zero approximates K⁻¹ r, better by a Chebyshev polynomial of the fourth kind."""
+        i = jnp.arange(1, self.degree, dtype=r.dtype)
+        keep, add = (2 * i - 1) / (2 * i + 3), (8 * i + 4) / (2 * i + 3) / self.largest
+        count = jnp.asarray(_CORRECTIONS[self.degree], r.dtype)
+
+        def step(i: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            x, r, d = carry
+            r = r - self.K(d)
+            d = keep[i] * d + add[i] * r
+            return x + count[i + 1] * d, r, d
+
+        d = 4 / (3 * self.largest) * r
+        return jax.lax.fori_loop(0, self.degree - 1, step, (count[0] * d, r, d))[0]
+
+
+class _VCycle(AbstractApproximateInverse):
+    """(A + sB)⁻¹, nearly."""
+
+    levels: tuple[_Level, ...]
+    direct: _Direct
+    nested_steps: int = eqx.field(static=True)
+
+    def apply(self, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        inside = self.direct.values.dtype
+        return self._cycle(0, block.astype(inside)).astype(block.dtype)
+
+    def _cycle(self, depth: int, r: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        if depth == len(self.levels):
+            return self.direct.solve(r)
+        level = self.levels[depth]
+        return _apply_blocks(level.G.mT, self._scaled_cycle(depth, _apply_blocks(level.G, r)))
+
+    def _scaled_cycle(self, depth: int, r: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        level = self.levels[depth]
+        x = level.smooth(r)
+        x = x + level.P(self._cycle(depth + 1, level.R(r - level.K(x))))
+        return x + level.smooth(r - level.K(x))
+
+    def starting_vectors(self, count: int) -> Float[Array, "n _"]:
+        """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count` if it is small."""
+        x = self.direct.vectors[:, :count]
+        for depth in reversed(range(len(self.levels))):
+            level = self.levels[depth]
+            x = level.P(x)
+            if depth > 0:
+                x = self._improved(depth, x)
+            x = _apply_blocks(level.G.mT, x)
+        return x
+
+    def _improved(self, depth: int, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        """Ritz vectors after some steps of preconditioned descent, with lumped masses; scaled unknowns."""
+        level = self.levels[depth]
+        k = x.shape[1]
+
+        def mass(x: Float[Array, "n k"]) -> Float[Array, "n k"]:
+            y = _apply_blocks(level.G.mT, x)
+            y = (level.masses[:, None] * y.reshape(len(level.masses), -1)).reshape(y.shape)
+            return _apply_blocks(level.G, y)
+
+        def step(_: Array, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
+            Kx, Mx = level.K(x), mass(x)
+            values = (x * Kx).sum(axis=0) / (x * Mx).sum(axis=0)
+            basis = jnp.concatenate([x, self._scaled_cycle(depth, Kx - values[None, :] * Mx)], axis=1)
+            return _ritz_vectors(basis, level.K(basis), mass(basis))[:, :k]
+
+        return jax.lax.fori_loop(0, self.nested_steps, step, _ritz_vectors(x, level.K(x), mass(x)))
+
+
+def _ritz_vectors(
+    basis: Float[Array, "n w"], K_basis: Float[Array, "n w"], M_basis: Float[Array, "n w"]
+) -> Float[Array, "n w"]:
+    """Those of K x = μ M x in the span of the basis, ascending; zero behind its rank."""
+    gram, energy = basis.T @ M_basis, basis.T @ K_basis
+    scale = jax.lax.rsqrt(gram.diagonal())
+    squares, Q = jnp.linalg.eigh(scale[:, None] * gram * scale[None, :])
+    kept = squares > 100 * jnp.finfo(gram.dtype).eps
+    Q = scale[:, None] * Q * jnp.where(kept, jax.lax.rsqrt(jnp.where(kept, squares, 1)), 0)[None, :]
+    H = Q.T @ energy @ Q
+    behind = jnp.where(kept, 0, 2 * jnp.abs(H).sum(axis=0).max())
+    _, C = jnp.linalg.eigh(H + jnp.diag(behind))
+    return basis @ (Q @ C)

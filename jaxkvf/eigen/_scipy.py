@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
+from jax.core import Tracer
 from jaxtyping import Array, DTypeLike, Float
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from threadpoolctl import threadpool_limits
@@ -43,9 +44,10 @@ class ScipyEigsh(AbstractEigensolver):
         arrays, structure = eqx.partition((problem, guess), eqx.is_array)
 
         def on_host(arrays: Any) -> _Found:
-            return self._solve(*eqx.combine(arrays, structure), k)
+            problem, guess = eqx.combine(arrays, structure)
+            return self._solve(problem, guess, k)
 
-        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays)):
+        if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays)):
             shapes = jax.tree.map(
                 lambda a: jax.ShapeDtypeStruct(a.shape, a.dtype), _Found.empty(problem.size, k, problem.dtype)
             )
