@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         report = options.run(options, console)
     except (ValueError, OSError, RuntimeError, MemoryError) as failure:
-        print(f"jaxkvf: {_first_paragraph(failure)}", file=sys.stderr)
+        print(f"jaxkvf: {_message(failure)}", file=sys.stderr)
         return 1
     if options.json:
         json.dump(report, sys.stdout, indent=2)
@@ -307,10 +307,11 @@ def _describe(mesh: TriangleMesh, found: KillingFields) -> dict[str, Any]:
     }
 
 
-def _first_paragraph(failure: BaseException) -> str:
-    """The message without the advice for debugging that a run-time error of compiled code appends."""
+def _message(failure: BaseException) -> str:
+    """What a failure says, without the stacks and the advice for debugging that compiled code wraps around it."""
     text = str(failure).strip() or type(failure).__name__
-    return text.split("\n\n")[0]
+    _, _, inner = text.rpartition("EquinoxRuntimeError: ")
+    return inner.split("\n\n")[0]
 
 
 if __name__ == "__main__":

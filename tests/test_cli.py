@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxkvf import TriangleMesh, cli, shapes
+from jaxkvf import TriangleMesh, cli, killing_fields, shapes
 
 
 @pytest.fixture
@@ -71,6 +71,22 @@ def test_what_cannot_be_done_says_why_and_exits_1(mesh_file, tmp_path, capsys):
         error = capsys.readouterr().err
         assert error.startswith("jaxkvf: ") and message in error and "Traceback" not in error
     assert sorted(p.name for p in tmp_path.iterdir() if p.is_file()) == ["broken.obj", "spheroid.obj"]
+
+
+def test_a_failing_solver_speaks_in_one_sentence(mesh_file, monkeypatch, capsys):
+    """Not with the stacks of compiled code."""
+
+    def fail(*arguments, **options):
+        mesh = shapes.icosphere(1)
+        return killing_fields(mesh.with_vertices(mesh.vertices * np.nan), 1)
+
+    monkeypatch.setattr(cli, "killing_fields", fail)
+    assert cli.main(["fields", str(mesh_file), "--no-picture"]) == 1
+    error = capsys.readouterr().err
+    assert (
+        error.startswith("jaxkvf: The matrices of the eigenproblem hold NaN or infinity")
+        and "JIT" not in error
+    )
 
 
 @pytest.mark.parametrize(

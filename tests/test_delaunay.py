@@ -1,6 +1,7 @@
 """The intrinsic Delaunay triangulation: what flips keep, what they reach, their derivatives; `dec` on top of it."""
 
 import functools
+import itertools
 
 import equinox as eqx
 import igl
@@ -16,12 +17,13 @@ from jaxkvf import (
     Topology,
     TriangleMesh,
     intrinsic_killing_eigenvalues,
+    killing_eigenvalues,
     killing_fields,
     reference,
     shapes,
 )
 from jaxkvf.eigen import DenseEigh, ScipyEigsh, eigsolve
-from jaxkvf.exterior import d0, d1, flat, sharp
+from jaxkvf.exterior import sharp
 from jaxkvf.geometry import (
     angle_defects,
     circumcentric_vertex_areas,
@@ -117,14 +119,12 @@ SURFACES = {
     "spheroid": lambda: surface(random_spheroid(700)),
     "needle": lambda: surface(shapes.random_sphere(300, seed=2, radii=(1.0, 3.0, 40.0))),
     "plane": lambda: surface(stretched_plane(400)),
-    "sheared torus": lambda: sheared_torus(12, 3),
-    "spindle of 3": lambda: surface(spindle(3)),
-    "spindle of 6": lambda: surface(spindle(6)),
+    "spindle": lambda: surface(spindle(6)),
     "doubled triangle": doubled_triangle,
     "strip": lambda: surface(thin_strip(40)),
 }
 
-ROUNDING = {"needle": 1e-10, "strip": 1e-10, "spindle of 3": 1e-11, "spindle of 6": 1e-11}
+ROUNDING = {"needle": 1e-10, "strip": 1e-10, "spindle": 1e-11}
 """Angles of needles are lost in the rounding of their sides before anything is flipped."""
 
 
@@ -133,28 +133,56 @@ def read(folder, name: str) -> TriangleMesh:
     return TriangleMesh.from_arrays(vertices, faces)
 
 
+@eqx.filter_jit
+def before_and_after(lengths: jax.Array, topology: Topology):
+    """The triangulation found, how often it flips again, and what describes it and the given one alike."""
+
+    def described(lengths, topology):
+        return (
+            cotan_weights(lengths, topology),
+            surface_area(lengths, topology),
+            cone_angles(lengths, topology),
+            edge_angles(lengths, topology),
+        )
+
+    found = intrinsic_delaunay(lengths, topology)
+    again = intrinsic_delaunay(found.lengths, found.topology)
+    before, after = described(lengths, topology), described(found.lengths, found.topology)
+    boundaries = [(t.is_boundary_edge, t.is_boundary_vertex) for t in (topology, found.topology)]
+    return (
+        found,
+        again.flips,
+        found.least_cotan_weight,
+        found.topology.is_tail_spoke,
+        before,
+        after,
+        boundaries,
+    )
+
+
 def check_delaunay(lengths: jax.Array, topology: Topology, rtol: float = 1e-12) -> None:
     """Everything that must hold whatever the surface."""
-    found = intrinsic_delaunay(lengths, topology)
-    inner = ~np.asarray(found.topology.is_boundary_edge)
-    weights = np.asarray(cotan_weights(found.lengths, found.topology))
-    assert weights[inner].min() >= -delaunay_tolerance(lengths.dtype)
-    assert float(found.least_cotan_weight) == weights.min()
-    area = surface_area(lengths, topology)
-    np.testing.assert_allclose(surface_area(found.lengths, found.topology), area, rtol=rtol)
-    np.testing.assert_allclose(
-        cone_angles(found.lengths, found.topology), cone_angles(lengths, topology), rtol=rtol, atol=rtol
-    )
-    np.testing.assert_array_equal(found.topology.is_boundary_vertex, topology.is_boundary_vertex)
-    check_topology(found.topology)
-    check_directions(lengths, topology, found)
-    again = intrinsic_delaunay(found.lengths, found.topology)
-    assert int(again.flips) == 0
+    results = jax.tree.map(np.asarray, before_and_after(lengths, topology))
+    found, flips_again, least_weight, is_tail_spoke, before, after, boundaries = results
+    assert int(found.flips) > 0
+    assert int(flips_again) == 0
+    (_, area, cones, directions), (weights, new_area, new_cones, new_directions) = before, after
+    assert weights[~boundaries[1][0]].min() >= -delaunay_tolerance(lengths.dtype)
+    assert least_weight == weights.min()
+    np.testing.assert_allclose(new_area, area, rtol=rtol)
+    np.testing.assert_allclose(new_cones, cones, rtol=rtol, atol=rtol)
+    for given, new in zip(*boundaries, strict=True):
+        np.testing.assert_array_equal(new, given)
+    check_topology(found.topology, is_tail_spoke)
+    # Edges that were not flipped leave their vertices in the directions that they had.
+    edges, new_edges = np.asarray(topology.edges), found.topology.edges
+    kept = (found.lengths == np.asarray(lengths)) & (edges == new_edges).all(axis=1)
+    turn = (new_directions + found.frame_rotations[new_edges] - directions)[kept]
+    assert np.abs(np.angle(np.exp(1j * turn))).max(initial=0.0) < 1e-9
 
 
-def check_topology(topology: Topology) -> None:
-    """The incidences agree with each other, edges told apart by number and not by their ends."""
-    t = jax.tree.map(np.asarray, topology)
+def check_topology(t: Topology, is_tail_spoke: np.ndarray) -> None:
+    """The incidences (in NumPy) agree with each other, edges told apart by number and not by their ends."""
     halfedge = np.arange(3 * len(t.faces))
     edge, along = t.face_edges.ravel(), t.face_edge_signs.ravel() > 0
     heads = np.roll(t.faces, -1, axis=1).ravel()
@@ -162,30 +190,22 @@ def check_topology(topology: Topology) -> None:
     np.testing.assert_array_equal(t.edges[edge, np.where(along, 0, 1)], t.faces.ravel())
     np.testing.assert_array_equal(t.edges[edge, np.where(along, 1, 0)], heads)
     np.testing.assert_array_equal(np.sort(t.edge_spokes.ravel()), np.arange(2 * len(t.edges)))
-    owner = np.repeat(np.arange(topology.n_vertices), np.diff(t.spoke_starts))
+    owner = np.repeat(np.arange(t.n_vertices), np.diff(t.spoke_starts))
     np.testing.assert_array_equal(owner[t.edge_spokes], t.edges)
     np.testing.assert_array_equal(t.spoke_neighbours[t.edge_spokes], t.edges[:, ::-1])
     tail_spokes = np.zeros(2 * len(t.edges), bool)
     tail_spokes[t.edge_spokes[:, 0]] = True
-    np.testing.assert_array_equal(topology.is_tail_spoke, tail_spokes)
+    np.testing.assert_array_equal(is_tail_spoke, tail_spokes)
     corners = t.spoke_corners[t.spoke_corners >= 0]
     np.testing.assert_array_equal(np.sort(corners), halfedge)
-    assert abs(to_scipy(d1(topology)) @ to_scipy(d0(topology))).max() == 0
-
-
-def check_directions(lengths: jax.Array, topology: Topology, found) -> None:
-    """Edges that were not flipped leave their vertices in the directions that they had."""
-    before = np.asarray(edge_angles(lengths, topology))
-    turned = edge_angles(found.lengths, found.topology) + found.frame_rotations[found.topology.edges]
-    kept = np.asarray((found.lengths == lengths) & (found.topology.edges == topology.edges).all(axis=1))
-    turn = np.angle(np.exp(1j * (np.asarray(turned) - before)))[kept]
-    assert np.abs(turn).max(initial=0.0) < 1e-9
+    potential = np.random.default_rng(0).integers(1000, size=t.n_vertices)
+    circulation = t.face_edge_signs * np.diff(potential[t.edges], axis=1)[:, 0][t.face_edges]
+    assert not circulation.sum(axis=1).any()  # d₁ d₀ = 0
 
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_flips_reach_delaunay_and_keep_the_surface(name):
     lengths, topology = SURFACES[name]()
-    assert int(intrinsic_delaunay(lengths, topology).flips) > 0
     check_delaunay(lengths, topology, ROUNDING.get(name, 1e-12))
 
 
@@ -256,9 +276,8 @@ def test_the_long_side_of_a_doubled_triangle_becomes_a_loop_of_twice_the_height(
     np.testing.assert_allclose(by_base, -2 * foot * (base - foot) / (0.5 * base), rtol=1e-12)
 
 
-@pytest.mark.parametrize("belt", [3, 6])
-def test_forms_live_on_edges_that_share_their_ends(belt):
-    lengths, topology = surface(spindle(belt))
+def test_forms_live_on_edges_that_share_their_ends():
+    lengths, topology = surface(spindle(6))
     found = intrinsic_delaunay(lengths, topology)
     edges = np.sort(np.asarray(found.topology.edges), axis=1)
     assert (edges[:, 0] == edges[:, 1]).any()
@@ -275,17 +294,21 @@ def test_forms_live_on_edges_that_share_their_ends(belt):
     assert np.isfinite(vectors).all()
 
 
-def test_flat_and_sharp_across_a_loop():
-    """A loop's two spokes point against each other in its form, so a radial field around it has none along it."""
+def test_sharp_sees_a_loop_from_both_of_its_ends():
     lengths, topology = doubled_triangle()
     found = intrinsic_delaunay(lengths, topology)
-    vectors = jnp.asarray(np.random.default_rng(0).standard_normal((3, 2)))
-    form = flat(vectors, found.lengths, found.topology)
-    at_2 = sharp(form, found.lengths, found.topology)[2]
-    out, back = np.asarray(edge_angles(found.lengths, found.topology))[0]
-    unit = np.array([[np.cos(out), np.sin(out)], [-np.cos(back), -np.sin(back)]])
-    np.testing.assert_allclose(form[0] / found.lengths[0], (unit @ np.asarray(vectors[2])).mean(), rtol=1e-12)
-    assert np.isfinite(at_2).all()
+    form = jnp.asarray([0.3, -1.0, 2.0])
+    angles = np.asarray(edge_angles(found.lengths, found.topology))
+    at_2 = np.asarray(found.topology.edges) == 2
+    assert at_2.sum() == 4 and at_2[0].all()
+    along = np.asarray(form / found.lengths)[:, None] * np.array(
+        [1.0, -1.0]
+    )  # outward from tail and from head
+    directions = np.stack([np.cos(angles[at_2]), np.sin(angles[at_2])], axis=1)
+    expected = np.linalg.lstsq(directions, along[at_2])[0]
+    vectors = sharp(form, found.lengths, found.topology)
+    np.testing.assert_allclose(vectors[2], expected, rtol=1e-12)
+    assert np.isfinite(vectors).all()  # the other two have one spoke each
 
 
 # Derivatives
@@ -342,15 +365,19 @@ def test_a_batch_is_its_members():
     topology = mesh.topology
     batch = mesh.vertices[None] * jnp.asarray([[[1.0, 1, 1]], [[2.0, 0.5, 1]], [[1.0, 1, 0.4]]])
     function = functools.partial(smooth_function, topology=topology, weights=weights)
-    values, gradients = jax.jit(jax.vmap(jax.value_and_grad(function)))(batch)
-    _, slopes = jax.vmap(lambda x: jax.jvp(function, (x,), (direction,)))(batch)
-    flips = jax.vmap(lambda x: intrinsic_delaunay(edge_lengths(x, topology), topology).flips)(batch)
-    assert len(set(flips.tolist())) == 3 and flips.min() < 40
-    for x, value, gradient, slope in zip(batch, values, gradients, slopes, strict=True):
-        alone, gradient_alone = jax.value_and_grad(function)(x)
-        np.testing.assert_allclose(value, alone, rtol=1e-12)
-        np.testing.assert_allclose(gradient, gradient_alone, rtol=1e-9, atol=1e-11)
-        np.testing.assert_allclose(slope, jnp.vdot(gradient_alone, direction), rtol=1e-9)
+
+    @jax.jit
+    def everything(x):
+        value, gradient = jax.value_and_grad(function)(x)
+        _, slope = jax.jvp(function, (x,), (direction,))
+        return value, slope, gradient, intrinsic_delaunay(edge_lengths(x, topology), topology).flips
+
+    together = jax.jit(jax.vmap(everything))(batch)
+    flips = together[-1].tolist()
+    assert len(set(flips)) == 3 and min(flips) < 40
+    for number, x in enumerate(batch):
+        for member, alone in zip(together, everything(x), strict=True):
+            np.testing.assert_allclose(member[number], alone, rtol=1e-9, atol=1e-11)
 
 
 def test_single_precision():
@@ -366,9 +393,9 @@ def test_single_precision():
         single
     )
     assert slope.dtype == jnp.float32 and np.isfinite(slope).all()
-    problem = Dec().eigenproblem(single, mesh.topology)
+    problem = eqx.filter_jit(Dec().eigenproblem)(single, mesh.topology)
     assert problem.dtype == jnp.float32
-    assert float(problem.B.as_matrix().diagonal().min()) > 0
+    assert to_scipy(problem.B).diagonal().min() > 0
 
 
 # Refusals
@@ -381,7 +408,7 @@ def test_more_flips_than_there_is_room_for_is_an_error():
     found = intrinsic_delaunay(lengths, topology, capacity=2)
     assert int(found.flips) > 10 * topology.n_edges
     np.testing.assert_allclose(
-        surface_area(found.lengths, found.topology), surface_area(lengths, topology), rtol=1e-11
+        surface_area(found.lengths, found.topology), surface_area(lengths, topology), rtol=1e-9
     )
     assert Dec(flip_capacity=2).triangulation(lengths, topology).flips == found.flips
 
@@ -432,7 +459,8 @@ def test_without_flips_bad_triangles_are_refused():
 
 def test_flips_change_nothing_on_a_delaunay_mesh():
     plain, flipped = (
-        Dec(delaunay=choice).eigenproblem(*surface(shapes.ellipsoid(6))) for choice in (False, True)
+        eqx.filter_jit(Dec(delaunay=choice).eigenproblem)(*surface(shapes.icosphere(6)))
+        for choice in (False, True)
     )
     assert eqx.tree_equal(plain, flipped)
 
@@ -451,21 +479,60 @@ def test_fields_come_back_in_the_frames_of_the_mesh():
     np.testing.assert_allclose(np.linalg.svd(overlap[1:3, 1:3])[1], 1, atol=2e-3)  # a pair turns freely
 
 
+def test_eigenvalues_follow_the_vertices_across_flips():
+    """Their derivative is right, and they stay continuous where edges change over to the other diagonal."""
+    mesh, _, direction = differentiated()
+
+    @jax.jit
+    def low(x):
+        return killing_eigenvalues(mesh.with_vertices(x), 3, discretization="dec", solver=ScipyEigsh())
+
+    def total(x):
+        return low(x).sum()
+
+    slope = jnp.vdot(jax.jit(jax.grad(total))(mesh.vertices), direction)
+    np.testing.assert_allclose(slope, central_difference(total, mesh.vertices, direction, 1e-6), rtol=1e-5)
+
+    steps = np.linspace(0, 1e-3, 21)
+    faces = [
+        np.asarray(
+            Dec().triangulation(*surface(mesh.with_vertices(mesh.vertices + s * direction))).topology.faces
+        )
+        for s in steps
+    ]
+    assert sum((a != b).any() for a, b in itertools.pairwise(faces)) >= 3
+    along = np.array([low(mesh.vertices + s * direction) for s in steps])
+    bend = np.abs(np.diff(along, n=2, axis=0)).max(axis=0)
+    assert (bend < 0.3 * np.abs(np.diff(along, axis=0)).max(axis=0)).all()
+
+
 def test_vertex_fields_survive_the_round_trip():
+    """The rotation about the axis, to a form on the flipped edges and back, and its energy on the way."""
     mesh = random_spheroid(2562)
     lengths, topology = surface(mesh)
     x, y, _ = mesh.vertices.T
     rotation = project(jnp.stack([-y, x, 0 * x], axis=1), vertex_frames(mesh.vertices, topology))
-    form = Dec().from_vertex_vectors(rotation, lengths, topology)
-    back = Dec().to_vertex_vectors(form, lengths, topology)
+
+    @jax.jit
+    def there_and_back(lengths):
+        form = Dec().from_vertex_vectors(rotation, lengths, topology)
+        problem = Dec().eigenproblem(lengths, topology)
+        products = form @ problem.A.mv(form), form @ problem.B.mv(form)
+        return (
+            Dec().to_vertex_vectors(form, lengths, topology),
+            *products,
+            Dec().energy(form, lengths, topology),
+        )
+
+    back, stiffness, mass, energy = there_and_back(lengths)
     assert float(jnp.abs(back - rotation).max()) < 5e-3
-    problem = Dec().eigenproblem(lengths, topology)
-    quotient = form @ problem.A.mv(form) / (form @ problem.B.mv(form))
-    np.testing.assert_allclose(Dec().energy(form, lengths, topology), form @ problem.A.mv(form), rtol=1e-12)
-    assert abs(float(quotient)) < 0.1 * spheroid_reference()[1]
+    np.testing.assert_allclose(energy, stiffness, rtol=1e-12)
+    assert abs(float(stiffness / mass)) < 0.1 * spheroid_reference()[1]
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [slow("spot", 5e-3), slow("fish", 3e-2), ("penguin", 0.13)])
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [slow("spot", 5e-3), slow("fish", 3e-2), slow("penguin", 0.13)]
+)
 def test_dec_agrees_with_regge_on_real_meshes(real_mesh_folder, name, tolerance):
     """Smooth closed meshes only: `dec` is far off where curvature sits in single vertices (wingnut, boat, hammer)."""
     mesh = read(real_mesh_folder, name)
@@ -489,7 +556,7 @@ def test_edges_without_weight_join_faces_to_polygons():
     weights = np.asarray(cotan_weights(lengths, topology))
     none = np.abs(weights) < 1e-12
     assert none.sum() == topology.n_edges // 3
-    problem = Dec().eigenproblem(lengths, topology)
+    problem = eqx.filter_jit(Dec().eigenproblem)(lengths, topology)
     A = to_scipy(problem.A).toarray()
     eliminated = A[np.ix_(~none, ~none)] - A[np.ix_(~none, none)] @ np.linalg.solve(
         A[np.ix_(none, none)], A[np.ix_(none, ~none)]
@@ -503,7 +570,7 @@ def test_edges_without_weight_join_faces_to_polygons():
 
 def test_a_grid_without_weight_is_like_a_mesh_beside_it():
     exact, near = (
-        np.asarray(killing_fields(grid_torus(48, 30, noise), 8, discretization="dec").dimensionless)
+        np.asarray(killing_eigenvalues(grid_torus(48, 30, noise), 8, discretization="dec"))
         for noise in (0.0, 1e-3)
     )
     np.testing.assert_allclose(exact, near, rtol=5e-3)
@@ -526,5 +593,4 @@ def test_derivatives_where_weights_leave_zero():
 
     h = 1e-4  # beyond the band of weights that count as zero
     one_sided = (-5 * two(h) + 8 * two(2 * h) - 3 * two(3 * h)) / (2 * h)
-    for derivative in (jax.grad(two)(0.0), jax.jvp(two, (0.0,), (1.0,))[1]):
-        np.testing.assert_allclose(derivative, one_sided, rtol=1e-3)
+    np.testing.assert_allclose(jax.jit(jax.grad(two))(0.0), one_sided, rtol=1e-3)

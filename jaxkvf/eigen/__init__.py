@@ -6,7 +6,12 @@ from ._dense import DenseEigh as DenseEigh
 from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
+from ._jacobi import BlockJacobi as BlockJacobi
+from ._jacobi import Chebyshev as Chebyshev
+from ._lobpcg import LOBPCG as LOBPCG
 from ._multigrid import Multigrid as Multigrid
+from ._preconditioner import AbstractApproximateInverse as AbstractApproximateInverse
+from ._preconditioner import AbstractPreconditioner as AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
 from ._scipy import ScipyEigsh as ScipyEigsh
 from ._solution import RESULTS as RESULTS

@@ -6,15 +6,13 @@ they are and the rotations R carry components from the frame of j. Each edge of 
 along a path joins nodes further apart.
 """
 
-import functools
-
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..sparse import SymmetricBlockOperator
-from ._layouts import Pattern, ProductLayout, RowLayout
+from ._layouts import Pattern, ProductLayout, RowLayout, times
 
 
 class Interpolation(eqx.Module):
@@ -123,9 +121,3 @@ class Coarsening(eqx.Module):
         product = self.galerkin(P.mT, self.half(blocks, P))[self.diagonal_first]
         n = self.interpolation.n_coarse
         return SymmetricBlockOperator(diagonal=product[:n], upper=product[n:], edges=self.coarse_edges)
-
-
-def times(L: Float[Array, "*n a b"], R: Float[Array, "*#n b c"]) -> Float[Array, "*#n a c"]:
-    """The product of each two blocks, written out: XLA makes one loop of it, but a call a block of a batched product."""
-    terms = (L[..., :, b, None] * R[..., b, None, :] for b in range(L.shape[-1]))
-    return functools.reduce(jnp.add, terms)

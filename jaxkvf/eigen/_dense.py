@@ -6,7 +6,7 @@ from jax.lax.linalg import eigh, triangular_solve
 from jaxtyping import Array, Float
 
 from ._problem import GeneralizedEigenproblem
-from ._residual import relative_residuals
+from ._residual import relative_residuals, spectral_norm
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 
@@ -32,6 +32,6 @@ class DenseEigh(AbstractEigensolver):
         result = RESULTS.where(jnp.isfinite(factor).all(), RESULTS.successful, RESULTS.indefinite_mass)
         result = RESULTS.where(jnp.isfinite(A).all() & jnp.isfinite(B).all(), result, RESULTS.nonfinite_input)
         residuals = relative_residuals(
-            A @ vectors, B @ vectors, vectors, values, jnp.abs(A).sum(axis=1).max()
+            A @ vectors, B @ vectors, vectors, values, spectral_norm(lambda x: A @ x, len(A), A.dtype)
         )
         return EigenSolution(values, vectors, residuals, result, stats={})

@@ -38,7 +38,9 @@ class EllProduct(eqx.Module):
 
         def gathered(slot: int, c: int) -> Float[Array, "nb k"]:
             rows = b * self.neighbours[slot] + c
-            rows = jnp.broadcast_to(rows[:, None], (rows.shape[0], b)).reshape(-1)  # the same for all rows of a block
+            rows = jnp.broadcast_to(rows[:, None], (len(rows), b)).reshape(
+                -1
+            )  # all rows of a block read the same
             return block.at[rows].get(mode="promise_in_bounds")  # else XLA clamps every index: 3 times slower
 
         slots = [(s, c) for s in range(width) for c in range(b)]
@@ -47,8 +49,8 @@ class EllProduct(eqx.Module):
         def add_chunk(chunk: Array, product: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
             place = jax.lax.dynamic_slice_in_dim(self.overflow_places, chunk * _CHUNK, _CHUNK)
             blocks = jax.lax.dynamic_slice_in_dim(self.overflow_blocks, chunk * _CHUNK, _CHUNK)
-            row, column = (b * place[:, end, None] + jnp.arange(b, dtype=place.dtype)[None] for end in range(2))
-            return product.at[row].add(blocks @ block[column])
+            unknown = b * place[:, :, None] + jnp.arange(b, dtype=place.dtype)[None, None]
+            return product.at[unknown[:, 0]].add(blocks @ block[unknown[:, 1]])
 
         return jax.lax.fori_loop(0, (self.n_overflow + _CHUNK - 1) // _CHUNK, add_chunk, product)
 
@@ -79,7 +81,8 @@ def _(operator: SymmetricBlockOperator) -> BlockProduct:
     ends = jnp.cumsum(degrees)
     starts = ends - degrees
 
-    width = 12 * m // (5 * n)  # a fifth above the mean degree 2m/n; a block in the rest costs as much as seven slots
+    # A fifth above the mean degree 2m/n: a block that finds no slot costs as much as seven slots.
+    width = 12 * m // (5 * n)
     position = starts[None] + jnp.arange(width, dtype=starts.dtype)[:, None]
     view = jnp.append(views, 2 * m)[jnp.where(position < ends[None], position, 2 * m)]
 

@@ -18,7 +18,7 @@ _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from belo
 
 
 class BlockJacobi(AbstractPreconditioner):
-    """The inverse of the diagonal blocks of A (of its diagonal, where A has no blocks). Blocks are made positive definite."""
+    """The inverse of the diagonal blocks of A, made positive definite; of its diagonal, where A has no blocks."""
 
     def prepare(self, problem: GeneralizedEigenproblem) -> AbstractApproximateInverse:
         """The approximate inverse.
@@ -107,7 +107,7 @@ def _inverse_factors(blocks: Float[Array, "n b b"]) -> Float[Array, "n b b"]:
 
     Pivots of no size at all are replaced by the mean diagonal entry.
     """
-    n, b, _ = blocks.shape
+    b = blocks.shape[1]
     diagonal = jnp.abs(blocks.diagonal(axis1=1, axis2=2))
     mean = jnp.where(diagonal.mean() > 0, diagonal.mean(), 1)
     least = jnp.finfo(blocks.dtype).eps * jnp.where(diagonal.max(axis=1) > 0, diagonal.max(axis=1), jnp.inf)

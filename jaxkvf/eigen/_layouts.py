@@ -4,6 +4,7 @@ Both kinds of product are sums of a varying number of terms, one sum a row (or a
 together, padded to the same length, so that all of them advance by one term at once: gathers and no scatter.
 """
 
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -101,21 +102,25 @@ class RowProduct(eqx.Module):
 
     def __call__(self, block: Float[Array, "mc k"]) -> Float[Array, "nr k"]:
         def chunk(values: Float[Array, "slots c rows*r"], columns: Int[Array, "slots rows"]) -> Array:
-            total = jnp.zeros((values.shape[2], block.shape[1]), block.dtype)
-            for slot in range(values.shape[0]):
-                for c in range(values.shape[1]):
-                    row = values.shape[1] * columns[slot] + c
-                    row = jnp.broadcast_to(row[:, None], (len(row), self.r)).reshape(-1)
-                    total += values[slot, c][:, None] * block.at[row].get(mode="promise_in_bounds")
-            return total
+            slots, width, _ = values.shape
+
+            def term(slot: int, c: int) -> Float[Array, "rows*r k"]:
+                row = width * columns[slot] + c
+                row = jnp.broadcast_to(row[:, None], (len(row), self.r)).reshape(-1)
+                return values[slot, c][:, None] * block.at[row].get(mode="promise_in_bounds")
+
+            return functools.reduce(jnp.add, (term(slot, c) for slot in range(slots) for c in range(width)))
+
+        def add(total: Array, terms: tuple[Array, Array]) -> tuple[Array, None]:
+            return total + chunk(*terms), None
 
         parts = []
         for values, columns in zip(self.values, self.columns, strict=True):
-            total = chunk(values[0], columns[0])
-            if len(values) > 1:
-                rest = (values[1:], columns[1:])
-                total, _ = jax.lax.scan(lambda total, terms: (total + chunk(*terms), None), total, rest)
-            parts.append(total)
+            if len(values) == 1:
+                parts.append(chunk(values[0], columns[0]))
+            else:
+                empty = jnp.zeros((values.shape[3], block.shape[1]), block.dtype)
+                parts.append(jax.lax.scan(add, empty, (values, columns))[0])
         product = jnp.concatenate(parts)
         if self.places is None:
             return product
@@ -126,9 +131,9 @@ class RowProduct(eqx.Module):
 class ProductLayout(eqx.Module):
     """Which pairs of blocks of L and R add up to each block of the matrix product L R."""
 
-    left: tuple[Int[Array, "slots entries"], ...]
+    left: tuple[Int[Array, "chunks slots entries"], ...]
     """Block of L of each term; out of bounds for none."""
-    right: tuple[Int[Array, "slots entries"], ...]
+    right: tuple[Int[Array, "chunks slots entries"], ...]
     places: Int[Array, " m"] | None
 
     @classmethod
@@ -172,8 +177,8 @@ class ProductLayout(eqx.Module):
             lefts.append(np.where(inside, left[position], _NOTHING))
             rights.append(np.where(inside, right[position], 0))
         layout = cls(
-            tuple(jnp.asarray(part) for part in lefts),
-            tuple(jnp.asarray(part) for part in rights),
+            tuple(jnp.asarray(_chunked(part, _NOTHING)) for part in lefts),
+            tuple(jnp.asarray(_chunked(part, 0)) for part in rights),
             None if places is None else jnp.asarray(places),
         )
         return layout, pattern
@@ -181,18 +186,29 @@ class ProductLayout(eqx.Module):
     def __call__(self, L: Float[Array, "l a b"], R: Float[Array, "r b c"]) -> Float[Array, "m a c"]:
         """The blocks of L R."""
 
-        def add(total: Array, term: tuple[Array, Array]) -> tuple[Array, None]:
-            x, y = L.at[term[0]].get(mode="fill", fill_value=0), R.at[term[1]].get(mode="promise_in_bounds")
-            for b in range(L.shape[2]):
-                total += x[:, :, b, None] * y[:, b, None, :]
-            return total, None
+        def chunk(left: Int[Array, "slots entries"], right: Int[Array, "slots entries"]) -> Array:
+            x = [L.at[slot].get(mode="fill", fill_value=0) for slot in left]
+            y = [R.at[slot].get(mode="promise_in_bounds") for slot in right]
+            return functools.reduce(jnp.add, (times(*pair) for pair in zip(x, y, strict=True)))
+
+        def add(total: Array, terms: tuple[Array, Array]) -> tuple[Array, None]:
+            return total + chunk(*terms), None
 
         parts = []
         for left, right in zip(self.left, self.right, strict=True):
-            empty = jnp.zeros((left.shape[1], L.shape[1], R.shape[2]), L.dtype)
-            parts.append(jax.lax.scan(add, empty, (left, right), unroll=min(4, len(left)))[0])
+            if len(left) == 1:
+                parts.append(chunk(left[0], right[0]))
+            else:
+                empty = jnp.zeros((left.shape[2], L.shape[1], R.shape[2]), L.dtype)
+                parts.append(jax.lax.scan(add, empty, (left, right))[0])
         product = jnp.concatenate(parts)
         return product if self.places is None else product[self.places]
+
+
+def times(L: Float[Array, "*n a b"], R: Float[Array, "*#n b c"]) -> Float[Array, "*#n a c"]:
+    """The product of each two blocks, written out: XLA makes one loop of it, but a call a block of a batched product."""
+    terms = (L[..., :, b, None] * R[..., b, None, :] for b in range(L.shape[-1]))
+    return functools.reduce(jnp.add, terms)
 
 
 _NOTHING = np.int32(np.iinfo(np.int32).max)

@@ -3,13 +3,11 @@
 Each step minimises the trace of A over the span of the approximations X, the preconditioned residuals W and the previous
 search directions P, and is kept from breaking down where that basis is nearly dependent.
 
-References: A. Knyazev, Toward the Optimal Preconditioned Eigensolver (2001); U. Hetmaniuk, R. Lehoucq, Basis selection in
-LOBPCG (2006) for P; A. Stathopoulos, K. Wu, A block orthogonalization procedure with constant synchronization requirements
-(2002) for the SVQB orthonormalisation; J. Duersch, M. Shao, C. Yang, M. Gu, A Robust and Efficient Implementation of LOBPCG
-(2018).
+References: A. Knyazev, Toward the Optimal Preconditioned Eigensolver (2001); J. Duersch, M. Shao, C. Yang, M. Gu, A Robust
+and Efficient Implementation of LOBPCG (2018).
 """
 
-from collections.abc import Callable
+import dataclasses
 
 import equinox as eqx
 import jax
@@ -23,6 +21,16 @@ from ._problem import GeneralizedEigenproblem
 from ._residual import relative_residuals, spectral_norm
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
+from ._subspace import (
+    conjugate_directions,
+    inverse_roots,
+    negative_energies,
+    orthonormalised,
+    ritz_pairs,
+    rounding,
+    scaled,
+    whitening,
+)
 
 _ROUNDINGS = 16  # a residual of this many rounding units is converged: nothing smaller can be asked for
 _REFRESH = 40  # steps between true products, which keep rounding from adding up
@@ -32,10 +40,10 @@ _PATIENCE = 50  # steps without progress
 class LOBPCG(AbstractEigensolver):
     """Locally optimal block preconditioned conjugate gradients, for any symmetric A and positive definite B.
 
-    Fully in JAX: runs under `jit` and `vmap` on any backend, one product with A and three with B a step. How many steps it
+    Fully in JAX: runs under `jit` and `vmap` on any backend, at one product with A and two with B a step. How many steps it
     takes is up to the preconditioner: tens with one close to A⁻¹, thousands without. Converged when the first k pairs have
-    ‖A x − λ B x‖₂ ≤ (rtol ‖A‖₂ + atol) ‖x‖₂; eigenvalues are then accurate to the square of that. For more than a third
-    of all eigenpairs `DenseEigh` is faster.
+    ‖A x − λ B x‖₂ ≤ (rtol ‖A‖₂ + atol) ‖x‖₂; the error of eigenvalues goes with the square of that. For more than a third of
+    all pairs, or a few hundred unknowns, `DenseEigh` is faster.
     """
 
     rtol: float = eqx.field(default=1e-8, static=True)
@@ -43,10 +51,13 @@ class LOBPCG(AbstractEigensolver):
     atol: float = eqx.field(default=0.0, static=True)
     max_steps: int = eqx.field(default=1000, static=True)
     guard_vectors: int | None = eqx.field(default=None, static=True)
-    """Pairs carried beyond the k wanted, which they speed up and keep complete; by default 1 and a fifth of k, rounded to a whole four."""
+    """Pairs carried beyond the k wanted, which they speed up and keep complete.
+
+    By default 1 and a fifth of k, rounded up to a block of a whole four.
+    """
     preconditioner: AbstractPreconditioner | None = None
     constraints: Float[Array, "n c"] | None = None
-    """Vectors to stay B-orthogonal to (known eigenvectors, say), in columns; the residuals are taken orthogonally to them."""
+    """Columns to stay B-orthogonal to, eigenvectors already known say; residuals are taken orthogonally to them."""
     seed: int = eqx.field(default=0, static=True)
     """Of the random starting vectors."""
 
@@ -54,62 +65,71 @@ class LOBPCG(AbstractEigensolver):
         if not (self.rtol >= 0 and self.atol >= 0):
             raise ValueError(f"rtol and atol must not be negative, got {self.rtol} and {self.atol}")
         if self.max_steps < 0 or (self.guard_vectors is not None and self.guard_vectors < 0):
-            raise ValueError(
-                f"max_steps and guard_vectors must not be negative, got {self.max_steps} and {self.guard_vectors}"
-            )
+            counts = f"{self.max_steps} and {self.guard_vectors}"
+            raise ValueError(f"max_steps and guard_vectors must not be negative, got {counts}")
 
     @eqx.filter_jit
     def compute(
         self, problem: GeneralizedEigenproblem, k: int, guess: Float[Array, "n g"] | None
     ) -> EigenSolution:
         n, dtype = problem.size, problem.dtype
-        free = n - (0 if self.constraints is None else self.constraints.shape[1])
-        if self.constraints is not None and self.constraints.shape[0] != n:
-            raise ValueError(f"constraints must have shape [{n}, any], got {list(self.constraints.shape)}")
-        if k > free:
-            raise ValueError(f"{free} dimensions are left by the constraints, too few for k = {k} pairs")
-        m = min(-(-(k + 1 + k // 5) // 4) * 4 if self.guard_vectors is None else k + self.guard_vectors, free)
-
+        block_size = self._block_size(n, k)
         A, B = block_product(problem.A), block_product(problem.B)
         norm = spectral_norm(A, n, dtype)
+        eps = float(jnp.finfo(dtype).eps)
+        rtol = max(self.rtol, _ROUNDINGS * eps)
         iteration = _Iteration(
             A=A,
             B=B,
             inverse=None if self.preconditioner is None else self.preconditioner.prepare(problem),
-            constraints=None if self.constraints is None else _orthonormalised(B, lambda Y: Y, self.constraints)[:2],
-            tolerance=max(self.rtol, _ROUNDINGS * float(jnp.finfo(dtype).eps)) * norm + self.atol,
+            constraints=None if self.constraints is None else orthonormalised(B, self.constraints)[:2],
+            tolerance=rtol * norm + self.atol,
+            separation=min(max(100 * eps / rtol, eps**0.4), 0.5),
             k=k,
             max_steps=self.max_steps,
         )
-        start = iteration.starting_basis(n, m, guess, jax.random.key(self.seed), dtype)
-        final = iteration.run(start)
+        final = iteration.run(
+            iteration.starting_basis(n, block_size, guess, jax.random.key(self.seed), dtype)
+        )
 
-        X, AX = final.V[:, :k], final.AV[:, :k]
-        if iteration.constraints is not None:
-            Y, BY = iteration.constraints
-            AX = AX - BY @ (Y.T @ AX)
-        values = final.values[:k]
+        X, values = final.V[:, :k], final.values[:k]
+        AX = final.AV[:, :k] if iteration.constraints is None else final.R[:, :k] + B(X) * values[None, :]
         residuals = relative_residuals(AX, B(X), X, values, norm)
-        converged = final.errors <= iteration.tolerance
+        converged = final.errors[:k] <= iteration.tolerance
 
-        finite = jnp.isfinite(final.values).all()
+        finite = jnp.isfinite(values).all()
         for leaf in jax.tree.leaves(eqx.filter(problem, eqx.is_inexact_array)):
             finite &= jnp.isfinite(leaf).all()
         mass = cheap_diagonal(problem.B)
         indefinite = final.indefinite if mass is None else final.indefinite | (mass <= 0).any()
         result = RESULTS.where(final.steps >= self.max_steps, RESULTS.max_steps_reached, RESULTS.stagnated)
-        result = RESULTS.where(converged[:k].all(), RESULTS.successful, result)
+        result = RESULTS.where(converged.all(), RESULTS.successful, result)
         result = RESULTS.where(indefinite, RESULTS.indefinite_mass, result)
         result = RESULTS.where(finite, result, RESULTS.nonfinite_input)
-        stats = {"steps": final.steps, "products": final.products, "converged": converged[:k].sum()}
+        stats = {"steps": final.steps, "products": final.products, "converged": converged.sum()}
         return EigenSolution(values, X, residuals, result, stats)
+
+    def _block_size(self, n: int, k: int) -> int:
+        constraints = 0
+        if self.constraints is not None:
+            if self.constraints.shape[0] != n:
+                raise ValueError(
+                    f"constraints must have shape [{n}, any], got {list(self.constraints.shape)}"
+                )
+            constraints = self.constraints.shape[1]
+        if k > n - constraints:
+            raise ValueError(
+                f"{constraints} constraints leave {n - constraints} dimensions, too few for k = {k}"
+            )
+        wanted = -(-(k + 1 + k // 5) // 4) * 4 if self.guard_vectors is None else k + self.guard_vectors
+        return min(wanted, n - constraints)
 
 
 class _State(eqx.Module):
-    """Where the iteration stands. X and P are B-orthonormal and B-orthogonal to each other."""
+    """Where the iteration stands, with m approximations. X and P are B-orthonormal and B-orthogonal to each other."""
 
     V: Float[Array, "n w"]
-    """X, the Ritz vectors, then P, the search directions that led there; columns of P that are not kept are zero."""
+    """w = 2m columns: X, the Ritz vectors, then P, the search directions that led there, zero where not kept."""
     AV: Float[Array, "n w"]
     values: Float[Array, " m"]
     """Ritz values, ascending: XᵀAX. XᵀAP = 0."""
@@ -117,7 +137,7 @@ class _State(eqx.Module):
     """PᵀAP."""
     P_kept: Bool[Array, " m"]
     R: Float[Array, "n m"]
-    """Residuals AX − BX diag(values)."""
+    """Residuals AX − BX diag(values), orthogonally to the constraints."""
     errors: Float[Array, " m"]
     """‖r‖ / ‖x‖."""
     indefinite: Bool[Array, ""]
@@ -141,15 +161,21 @@ class _Iteration(eqx.Module):
     constraints: tuple[Float[Array, "n c"], Float[Array, "n c"]] | None
     """Y, B-orthonormal, and BY."""
     tolerance: Float[Array, ""]
+    """For the errors."""
+    separation: float = eqx.field(static=True)
+    """Least eigenvalue of a scaled Gram matrix that may be whitened in the coefficients alone.
+
+    The basis is then orthonormal up to ε over this, which should not be seen in the residuals.
+    """
     k: int = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
 
     def starting_basis(
         self, n: int, m: int, guess: Float[Array, "n g"] | None, key: Array, dtype: DTypeLike
     ) -> Float[Array, "n w"]:
-        """Guess, then the preconditioner's proposals where the guess is too small, then random vectors.
+        """2m columns: the guess, what the preconditioner proposes where the guess is too small, then random ones.
 
-        At least half of the columns are random or proposed, so that a guess without full rank does no harm.
+        Not more than half come from the guess, so that one without full rank does no harm.
         """
         parts = []
         if guess is not None:
@@ -163,10 +189,10 @@ class _Iteration(eqx.Module):
 
     def run(self, basis: Float[Array, "n w"]) -> _State:
         n, m = basis.shape[0], basis.shape[1] // 2
-        zero, dtype = jnp.int32(0), basis.dtype
+        zero, infinity, dtype = jnp.int32(0), jnp.array(jnp.inf, basis.dtype), basis.dtype
         unknown = _State(
             V=basis,
-            AV=jnp.zeros((n, 2 * m), dtype),
+            AV=jnp.zeros_like(basis),
             values=jnp.zeros(m, dtype),
             P_energy=jnp.zeros((m, m), dtype),
             P_kept=jnp.zeros(m, bool),
@@ -176,135 +202,131 @@ class _Iteration(eqx.Module):
             steps=zero,
             since_refresh=jnp.int32(1),
             products=zero,
-            least_error=jnp.array(jnp.inf, dtype),
-            least_trace=jnp.array(jnp.inf, dtype),
+            least_error=infinity,
+            least_trace=infinity,
             idle=zero,
         )
 
-        def going(state: _State) -> Array:
+        def going(state: _State) -> Bool[Array, ""]:
             wanted = state.errors[: self.k]
-            unfinished = ~(wanted <= self.tolerance).all() & jnp.isfinite(wanted).all() & ~state.indefinite
-            return unfinished & (state.idle < _PATIENCE) & (state.steps < self.max_steps)
+            open_ = ~(wanted <= self.tolerance).all() & jnp.isfinite(wanted).all() & ~state.indefinite
+            return open_ & (state.idle < _PATIENCE) & (state.steps < self.max_steps)
 
         def sweep(state: _State) -> _State:
             return jax.lax.while_loop(
                 lambda state: going(state) & (state.since_refresh < _REFRESH),
-                lambda state: self.step(state),
+                lambda state: self.step(state),  # noqa: PLW0108  (a bound method of a module has no hash)
                 self.refreshed(state),
             )
 
-        # The last sweep takes no step: it finds that all is well, or hopeless, by true products.
+        # The last sweep takes no step: by true products it finds that all is well, or hopeless.
         return jax.lax.while_loop(lambda state: state.since_refresh > 0, sweep, unknown)
 
     def refreshed(self, state: _State) -> _State:
         """The same spaces X and P by true products; X the lowest Ritz vectors of both together."""
-        m = state.values.shape[0]
-        V, AV, BV, ritz_values, kept, negative = self._ritz_vectors(state.V)
-        return eqx.tree_at(
-            lambda s: (s.P_energy, s.P_kept, s.indefinite, s.since_refresh, s.products),
-            self._with_pairs(state, V, AV, BV[:, :m], ritz_values[:m]),
-            (
-                jnp.diag(jnp.where(kept[m:], ritz_values[m:], 0)),
-                kept[m:],
-                state.indefinite | negative | ~kept[:m].all(),
-                jnp.int32(0),
-                state.products + 2 * m,
-            ),
+        m = len(state.values)
+        V, AV, BV, values, kept, negative = self._ritz_vectors(state.V)
+        R, errors = self._residuals(V[:, :m], AV[:, :m], BV[:, :m], values[:m])
+        return dataclasses.replace(
+            state,
+            V=V,
+            AV=AV,
+            values=values[:m],
+            P_energy=jnp.diag(jnp.where(kept[m:], values[m:], 0)),
+            P_kept=kept[m:],
+            R=R,
+            errors=errors,
+            indefinite=state.indefinite | negative | ~kept[:m].all(),
+            since_refresh=jnp.int32(0),
+            products=state.products + 2 * m,
         )
 
     def step(self, state: _State) -> _State:
-        V, m = state.V, state.values.shape[0]
-        W, BW, overlap, gram, negative = self._search_directions(state)
+        V, m = state.V, len(state.values)
+        W, overlap, gram, negative = self._search_directions(state)
         AW = self.A(W)
-        scale = _inverse_roots(gram.diagonal())
-        C, W_kept, _ = _whitening(_scaled(gram - overlap @ overlap.T, scale), _nearly_dependent(V))
+
+        # [X P W] Z is B-orthonormal …
+        scale = inverse_roots(gram.diagonal())
+        C, W_kept, _ = whitening(scaled(gram - overlap @ overlap.T, scale), self.separation)
         C = scale[:, None] * C
         Z = jnp.block([[jnp.eye(2 * m, dtype=V.dtype), -overlap.T @ C], [jnp.zeros((m, 2 * m), V.dtype), C]])
-
-        # Rayleigh–Ritz in [X P W] Z.
-        AW_V = AW.T @ V
+        # … and H is A in this basis.
+        AW_on_V = AW.T @ V
         energy = jax.scipy.linalg.block_diag(jnp.diag(state.values), state.P_energy, AW.T @ W)
-        energy = energy.at[: 2 * m, 2 * m :].set(AW_V.T).at[2 * m :, : 2 * m].set(AW_V)
-        kept = jnp.concatenate([jnp.ones(m, bool), state.P_kept, W_kept])
-        H = jnp.where(kept[:, None] & kept[None, :], Z.T @ energy @ Z, 0)
-        ritz_values, C = _ritz(H, kept)
-        C_P, P_kept = _conjugate_directions(C)
+        energy = energy.at[: 2 * m, 2 * m :].set(AW_on_V.T).at[2 * m :, : 2 * m].set(AW_on_V)
+        H = Z.T @ energy @ Z
+        values, C = ritz_pairs(H, jnp.concatenate([jnp.ones(m, bool), state.P_kept, W_kept]))
+        C_P, P_kept = conjugate_directions(C, m)
         K = Z @ jnp.concatenate([C[:, :m], C_P], axis=1)
+
         V = V @ K[: 2 * m] + W @ K[2 * m :]
         AV = state.AV @ K[: 2 * m] + AW @ K[2 * m :]
-        moved = self._with_pairs(state, V, AV, self.B(V[:, :m]), ritz_values[:m])
+        R, errors = self._residuals(V[:, :m], AV[:, :m], self.B(V[:, :m]), values[:m])
 
-        worst, trace = moved.errors[: self.k].max(), moved.values[: self.k].sum()
-        noise = 100 * jnp.finfo(V.dtype).eps * jnp.abs(ritz_values).max()
-        better = worst < 0.95 * state.least_error
-        better |= trace < state.least_trace - 1e-4 * jnp.abs(state.least_trace) - noise
-        idle = jnp.where(better, 0, state.idle + 1)
-        return eqx.tree_at(
-            lambda s: (
-                *(s.P_energy, s.P_kept, s.indefinite, s.steps, s.since_refresh, s.products),
-                *(s.least_error, s.least_trace, s.idle),
-            ),
-            moved,
-            (
-                C_P.T @ H @ C_P,
-                P_kept,
-                state.indefinite | negative,
-                state.steps + 1,
-                state.since_refresh + 1,
-                state.products + m,
-                jnp.where(better, jnp.minimum(worst, state.least_error), state.least_error),
-                jnp.where(better, jnp.minimum(trace, state.least_trace), state.least_trace),
-                jnp.where(W_kept.any(), idle, _PATIENCE).astype(jnp.int32),
-            ),
+        worst, trace = errors[: self.k].max(), values[: self.k].sum()
+        noise = 100 * jnp.finfo(V.dtype).eps * jnp.abs(values).max()
+        better = (worst < 0.95 * state.least_error) | (trace < state.least_trace - noise)
+        idle = jnp.where(W_kept.any(), jnp.where(better, 0, state.idle + 1), _PATIENCE)
+        return _State(
+            V=V,
+            AV=AV,
+            values=values[:m],
+            P_energy=C_P.T @ H @ C_P,
+            P_kept=P_kept,
+            R=R,
+            errors=errors,
+            indefinite=state.indefinite | negative,
+            steps=state.steps + 1,
+            since_refresh=state.since_refresh + 1,
+            products=state.products + m,
+            least_error=jnp.where(better, jnp.minimum(worst, state.least_error), state.least_error),
+            least_trace=jnp.where(better, jnp.minimum(trace, state.least_trace), state.least_trace),
+            idle=idle.astype(jnp.int32),
         )
 
-    def _search_directions(self, state: _State) -> tuple[Array, Array, Array, Array, Array]:
-        """W; BW; WᵀBV; WᵀBW; whether this shows B to be indefinite.
+    def _search_directions(self, state: _State) -> tuple[Array, Array, Array, Array]:
+        """W; WᵀBV; WᵀBW; whether this shows B to be indefinite.
 
-        W are the preconditioned residuals of the pairs that have not converged, zero for the others (soft locking); where
-        they nearly depend on each other or on V, or are not finite, a roughly orthonormal basis of them outside span V.
+        W are the preconditioned residuals of the pairs that have not converged, zero for the others (soft locking). Where
+        they nearly depend on each other or on V, or are not finite, W is a roughly orthonormal basis of them outside span V.
         """
         V = state.V
         active = state.errors > self.tolerance
-        W = state.R * jnp.where(active, _inverse_roots((state.R**2).sum(axis=0)), 0)[None, :]
+        W = state.R * jnp.where(active, inverse_roots((state.R**2).sum(axis=0)), 0)[None, :]
         W = self._constrained(W if self.inverse is None else self.inverse.apply(W))
         BW = self.B(W)
         overlap, gram = BW.T @ V, BW.T @ W
         finite = jnp.isfinite(gram.diagonal())
         overlap = jnp.where(finite[:, None], overlap, 0)
         gram = jnp.where(finite[:, None] & finite[None, :], gram, 0)
-        scale = _inverse_roots(gram.diagonal())
-        outside = _scaled(gram - overlap @ overlap.T, scale)
-        tightest = jnp.linalg.eigvalsh(outside + jnp.diag(jnp.where(scale > 0, 0.0, 1.0).astype(V.dtype))).min()
+        scale = inverse_roots(gram.diagonal())
+        outside = scaled(gram - overlap @ overlap.T, scale)
+        least = jnp.linalg.eigvalsh(outside + jnp.diag((scale == 0).astype(V.dtype)))[0]
 
-        def separated() -> tuple[Array, Array, Array, Array, Array]:
-            C = scale[:, None] * _whitening(outside, _tiny(V, len(scale)))[0]
+        def separated() -> tuple[Array, Array, Array, Array]:
+            C = scale[:, None] * whitening(outside, rounding(V, len(scale)))[0]
             directions = jnp.where(finite[None, :], W, 0) @ C - V @ (overlap.T @ C)
             directions = self._constrained(directions)
             B_directions = self.B(directions)
-            negative = _negative(gram.diagonal(), W, BW)
-            return directions, B_directions, B_directions.T @ V, B_directions.T @ directions, negative
+            negative = negative_energies(gram.diagonal(), W, BW)
+            return directions, B_directions.T @ V, B_directions.T @ directions, negative
 
-        doubtful = (tightest < _nearly_dependent(V)) | ~finite.all() | (gram.diagonal() < 0).any()
-        return jax.lax.cond(doubtful, separated, lambda: (W, BW, overlap, gram, jnp.bool_(False)))
+        doubtful = (least < self.separation) | ~finite.all() | (gram.diagonal() < 0).any()
+        return jax.lax.cond(doubtful, separated, lambda: (W, overlap, gram, jnp.bool_(False)))
 
-    def _with_pairs(
+    def _residuals(
         self,
-        state: _State,
-        V: Float[Array, "n w"],
-        AV: Float[Array, "n w"],
+        X: Float[Array, "n m"],
+        AX: Float[Array, "n m"],
         BX: Float[Array, "n m"],
         values: Float[Array, " m"],
-    ) -> _State:
-        m = values.shape[0]
-        R = AV[:, :m] - BX * values[None, :]
+    ) -> tuple[Float[Array, "n m"], Float[Array, " m"]]:
+        R = AX - BX * values[None, :]
         if self.constraints is not None:
             Y, BY = self.constraints
             R = R - BY @ (Y.T @ R)
-        errors = jnp.linalg.norm(R, axis=0) / jnp.linalg.norm(V[:, :m], axis=0)
-        return eqx.tree_at(
-            lambda s: (s.V, s.AV, s.values, s.R, s.errors), state, (V, AV, values, R, errors)
-        )
+        return R, jnp.linalg.norm(R, axis=0) / jnp.linalg.norm(X, axis=0)
 
     def _constrained(self, block: Float[Array, "n w"]) -> Float[Array, "n w"]:
         """Its B-orthogonal projection off the constraints."""
@@ -314,94 +336,9 @@ class _Iteration(eqx.Module):
         return block - Y @ (BY.T @ block)
 
     def _ritz_vectors(self, S: Float[Array, "n w"]) -> tuple[Array, Array, Array, Array, Array, Array]:
-        """Ritz vectors V of span S, B-orthonormal; AV; BV; Ritz values; which V are not zero for want of rank; B indefinite?"""
-        S, BS, kept, negative = _orthonormalised(self.B, self._constrained, S)
+        """Ritz vectors V of span S, B-orthonormal; AV; BV; Ritz values; which of V are kept; was B seen to be indefinite?"""
+        S, BS, kept, negative = orthonormalised(self.B, S, self._constrained)
         AS = self.A(S)
-        H = jnp.where(kept[:, None] & kept[None, :], S.T @ AS, 0)
-        ritz_values, C = _ritz(H, kept)
-        return S @ C, AS @ C, BS @ C, ritz_values, jnp.arange(len(kept)) < kept.sum(), negative
+        values, C = ritz_pairs(S.T @ AS, kept)
+        return S @ C, AS @ C, BS @ C, values, jnp.arange(len(kept)) < kept.sum(), negative
 
-
-def _orthonormalised(
-    B: BlockProduct, project: Callable[[Float[Array, "n w"]], Float[Array, "n w"]], S: Float[Array, "n w"]
-) -> tuple[Float[Array, "n w"], Float[Array, "n w"], Bool[Array, " w"], Bool[Array, ""]]:
-    """A B-orthonormal basis of span S by SVQB, twice where needed; its product with B; which columns are not zero; is B indefinite?"""
-    width = S.shape[1]
-
-    def once(carry: tuple[Array, ...]) -> tuple[Array, ...]:
-        S, _, _, negative, passes, _ = carry
-        S = project(S)
-        BS = B(S)
-        gram = S.T @ BS
-        scale = _inverse_roots(gram.diagonal())
-        least = jnp.where(passes == 0, _tiny(S, width), 0.1)  # later, what is short is nothing but rounding
-        C, kept, eigenvalues = _whitening(_scaled(gram, scale), least)
-        C = scale[:, None] * C
-        rounding = [(scale * jnp.linalg.norm(block, axis=0)).max() for block in (S, BS)]
-        noise = _tiny(S, width) * jnp.maximum(1, rounding[0] * rounding[1])
-        negative |= _negative(gram.diagonal(), S, BS) | (eigenvalues < -noise).any()
-        rough = (kept & (eigenvalues < 0.1)).any()
-        return S @ C, BS @ C, kept, negative, passes + 1, rough
-
-    start = (S, jnp.zeros_like(S), jnp.zeros(width, bool), jnp.bool_(False), jnp.int32(0), jnp.bool_(True))
-    return jax.lax.while_loop(lambda carry: carry[-1] & (carry[-2] < 2), once, start)[:4]
-
-
-def _negative(energies: Float[Array, " w"], S: Float[Array, "n w"], BS: Float[Array, "n w"]) -> Bool[Array, ""]:
-    """Whether sᵀBs is negative for a column, by more than rounding."""
-    rounding = _tiny(S, S.shape[1]) * jnp.linalg.norm(S, axis=0) * jnp.linalg.norm(BS, axis=0)
-    return (energies < -rounding).any()
-
-
-def _scaled(gram: Float[Array, "w w"], scale: Float[Array, " w"]) -> Float[Array, "w w"]:
-    return gram * scale[:, None] * scale[None, :]
-
-
-def _nearly_dependent(like: Array) -> float:
-    """Least eigenvalue of a scaled Gram matrix that whitening in the coefficients bears: an error of ε^0.6 in BᵀB = I."""
-    return float(jnp.finfo(like.dtype).eps) ** 0.4
-
-
-def _tiny(like: Array, width: int) -> float:
-    """Eigenvalues of a scaled Gram matrix of this width below this are rounding."""
-    return 10 * width * float(jnp.finfo(like.dtype).eps)
-
-
-def _inverse_roots(squares: Float[Array, " w"]) -> Float[Array, " w"]:
-    """1/√x, and 0 where x ≤ 0."""
-    positive = squares > 0
-    return jnp.where(positive, jax.lax.rsqrt(jnp.where(positive, squares, 1)), 0)
-
-
-def _whitening(
-    gram: Float[Array, "w w"], least: float | Float[Array, ""]
-) -> tuple[Float[Array, "w w"], Bool[Array, " w"], Float[Array, " w"]]:
-    """C with Cᵀ gram C = I, by eigenvectors (SVQB); which of its columns are kept; all eigenvalues.
-
-    Columns whose eigenvalue is not above `least` are not kept, and zero.
-    """
-    eigenvalues, Q = jnp.linalg.eigh(gram)
-    kept = eigenvalues > least
-    return Q * jnp.where(kept, _inverse_roots(eigenvalues), 0)[None, :], kept, eigenvalues
-
-
-def _ritz(H: Float[Array, "w w"], kept: Bool[Array, " w"]) -> tuple[Float[Array, " w"], Float[Array, "w w"]]:
-    """Eigenpairs of H, ascending, those of coordinates not kept (zero in H) behind all others, with zero vectors."""
-    bound = jnp.abs(H).sum(axis=0).max()
-    bound = 2 * jnp.where(bound > 0, bound, 1)
-    ritz_values, C = jnp.linalg.eigh(H + jnp.diag(jnp.where(kept, 0, bound)))
-    behind = jnp.arange(len(kept)) >= kept.sum()
-    return ritz_values, jnp.where(kept[:, None] & ~behind[None, :], C, 0)
-
-
-def _conjugate_directions(
-    C: Float[Array, "w w"],
-) -> tuple[Float[Array, "w m"], Bool[Array, " m"]]:
-    """Coefficients of P: what the new X has outside the old one, orthonormal and orthogonal to the new X."""
-    m = C.shape[0] // 3
-    new, others = C[:, :m], C[:, m:]
-    change = others.T @ new.at[:m].set(0)
-    change = change * _inverse_roots((change**2).sum(axis=0))[None, :]
-    U, singular_values, _ = jnp.linalg.svd(change, full_matrices=False)
-    kept = singular_values > _tiny(C, m)
-    return others @ jnp.where(kept[None, :], U, 0), kept

@@ -10,26 +10,15 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..sparse import SymmetricBlockOperator
-from ._coarsening import Coarsening, times
+from ..sparse import SymmetricBlockOperator, assembled
+from ._coarsening import Coarsening
 from ._jacobi import _apply_blocks, _inverse_factors
-from ._layouts import RowProduct
+from ._layouts import RowProduct, times
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
 from ._residual import spectral_norm
 
 _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
-
-# Of the Chebyshev polynomials of the fourth kind that make the V-cycle's bound on convergence least (Lottes, table 1): what
-# each correction counts, by degree.
-_CORRECTIONS = {
-    1: (1.125,),
-    2: (1.02387287570313, 1.26408905371085),
-    3: (1.00842544782028, 1.08867839208730, 1.33753125909618),
-    4: (1.00391310427285, 1.04035811188593, 1.14863498546254, 1.38268869241000),
-    5: (1.00212930146164, 1.02173711549260, 1.07872433192603, 1.19810065292663, 1.41322542791682),
-    6: (1.00128517255940, 1.01304293035233, 1.04678215124113, 1.11616489419675, 1.23829020218444, 1.43524297106744),
-}
 
 
 class Multigrid(AbstractPreconditioner):
@@ -37,7 +26,7 @@ class Multigrid(AbstractPreconditioner):
 
     Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the coarsest problem
     is solved directly. All numbers but the interpolation's weights come from the problem, so that one `Multigrid` serves while
-    its entries change. A and B must be `SymmetricBlockOperator`s on the graph that the hierarchy was built for, A positive
+    its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the hierarchy was built for, A positive
     semi-definite, and each off-diagonal block of B a positive multiple of the rotation that carries components from the
     column's frame to the row's, as in a mass matrix with transport along the edges (of 1 for scalars).
     """
@@ -45,15 +34,15 @@ class Multigrid(AbstractPreconditioner):
     hierarchy: tuple[Coarsening, ...]
     """From fine to coarse; empty for a direct solve."""
     degree: int = eqx.field(default=3, static=True)
-    """Of the smoother, 1 to 6: products with the operator before and after each coarse correction."""
+    """Of the smoother: products with the operator before and after each coarse correction."""
     dtype: str | None = eqx.field(default=None, static=True)
     """Precision inside the cycle, by default the problem's; `"float32"` is enough for LOBPCG in float64, in half the memory."""
     nested_steps: int = eqx.field(default=2, static=True)
     """Improvements of the starting vectors on each level between the coarsest and the finest."""
 
     def __check_init__(self) -> None:
-        if self.degree not in _CORRECTIONS:
-            raise ValueError(f"degree must be from 1 to {max(_CORRECTIONS)}, got {self.degree}")
+        if self.degree < 1:
+            raise ValueError(f"degree must be at least 1, got {self.degree}")
         if self.dtype not in (None, "float32", "float64"):
             raise ValueError(f"dtype must be None, 'float32' or 'float64', got {self.dtype!r}")
         if self.nested_steps < 0:
@@ -63,7 +52,7 @@ class Multigrid(AbstractPreconditioner):
         """The cycle for this problem.
 
         Raises:
-            ValueError: A or B is no `SymmetricBlockOperator`, or not on the hierarchy's graph.
+            ValueError: A or B does not assemble to a `SymmetricBlockOperator`, or not on the hierarchy's graph.
         """
         A, B = self._checked(problem.A), self._checked(problem.B)
         a, b = (M.diagonal.diagonal(axis1=1, axis2=2) for M in (A, B))
@@ -86,6 +75,7 @@ class Multigrid(AbstractPreconditioner):
     def _checked(self, operator: lx.AbstractLinearOperator) -> SymmetricBlockOperator:
         while isinstance(operator, lx.TaggedLinearOperator):
             operator = operator.operator
+        operator = assembled(operator)
         if not isinstance(operator, SymmetricBlockOperator):
             raise ValueError(f"Multigrid needs A and B as SymmetricBlockOperator, got {type(operator).__name__}")
         if self.hierarchy:
@@ -168,20 +158,31 @@ class _Level(eqx.Module):
         coarse_masses = coarsening.restriction.fill(shares)(masses[:, None])[:, 0]
         return level, coarsening.coarse_operator(blocks, P), coarse_turns, coarse_masses
 
-    def smooth(self, r: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-        """p(K) r: zero approximates K⁻¹ r, better by a Chebyshev polynomial of the fourth kind."""
-        i = jnp.arange(1, self.degree, dtype=r.dtype)
-        keep, add = (2 * i - 1) / (2 * i + 3), (8 * i + 4) / (2 * i + 3) / self.largest
-        count = jnp.asarray(_CORRECTIONS[self.degree], r.dtype)
+    def presmoothed(self, b: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
+        """An approximation of K⁻¹ b, a Chebyshev polynomial of the fourth kind in K times b."""
+        return self._iterated(b, jnp.zeros_like(b), 4 / 3 / self.largest * b, 2)
 
-        def step(i: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
-            x, r, d = carry
-            r = r - self.K(d)
-            d = keep[i] * d + add[i] * r
-            return x + count[i + 1] * d, r, d
+    def postsmoothed(self, b: Float[Array, "nb k"], x: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
+        """x and that approximation for its residual."""
+        return self._iterated(b, x, jnp.zeros_like(b), 1)
 
-        d = 4 / (3 * self.largest) * r
-        return jax.lax.fori_loop(0, self.degree - 1, step, (count[0] * d, r, d))[0]
+    def _iterated(
+        self, b: Float[Array, "nb k"], x: Float[Array, "nb k"], d: Float[Array, "nb k"], first: int
+    ) -> Float[Array, "nb k"]:
+        """x after the last correction d and those from number `first` on.
+
+        They make the error's components in all of K's spectrum small, most so those on top.
+        """
+
+        def step(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+            x, d = carry
+            i = i.astype(b.dtype)
+            # In this order neither x nor d is copied, and XLA computes the product once: everywhere that it is used.
+            x = x + d
+            return x, (2 * i - 3) / (2 * i + 1) * d + (8 * i - 4) / (2 * i + 1) / self.largest * (b - self.K(x))
+
+        x, d = jax.lax.fori_loop(first, self.degree + 1, step, (x, d))
+        return x + d
 
 
 class _VCycle(AbstractApproximateInverse):
@@ -201,11 +202,11 @@ class _VCycle(AbstractApproximateInverse):
         level = self.levels[depth]
         return _apply_blocks(level.G.mT, self._scaled_cycle(depth, _apply_blocks(level.G, r)))
 
-    def _scaled_cycle(self, depth: int, r: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    def _scaled_cycle(self, depth: int, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
         level = self.levels[depth]
-        x = level.smooth(r)
-        x = x + level.P(self._cycle(depth + 1, level.R(r - level.K(x))))
-        return x + level.smooth(r - level.K(x))
+        x = level.presmoothed(b)
+        x = x + level.P(self._cycle(depth + 1, level.R(b - level.K(x))))
+        return level.postsmoothed(b, x)
 
     def starting_vectors(self, count: int) -> Float[Array, "n _"]:
         """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count` if it is small."""
@@ -231,10 +232,11 @@ class _VCycle(AbstractApproximateInverse):
         def step(_: Array, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
             Kx, Mx = level.K(x), mass(x)
             values = (x * Kx).sum(axis=0) / (x * Mx).sum(axis=0)
-            basis = jnp.concatenate([x, self._scaled_cycle(depth, Kx - values[None, :] * Mx)], axis=1)
-            return _ritz_vectors(basis, level.K(basis), mass(basis))[:, :k]
+            d = self._scaled_cycle(depth, Kx - values[None, :] * Mx)
+            basis, K_basis = jnp.concatenate([x, d], axis=1), jnp.concatenate([Kx, level.K(d)], axis=1)
+            return _ritz_vectors(basis, K_basis, mass(basis))[:, :k]
 
-        return jax.lax.fori_loop(0, self.nested_steps, step, _ritz_vectors(x, level.K(x), mass(x)))
+        return jax.lax.fori_loop(0, self.nested_steps, step, x)
 
 
 def _ritz_vectors(

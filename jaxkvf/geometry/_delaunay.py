@@ -6,6 +6,7 @@ References: A. Bobenko, B. Springborn, A Discrete Laplace–Beltrami Operator fo
 Y. Soliman, K. Crane, Navigating Intrinsic Triangulations (2019).
 """
 
+import itertools
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -60,8 +61,9 @@ def intrinsic_delaunay(
 ) -> IntrinsicDelaunay:
     """The intrinsic Delaunay triangulation; under `jit`, `vmap` and `grad` too (forward and reverse, any order).
 
-    The new lengths are continuous in the given ones, and smooth while the same edges flip. Triangles that break the
-    triangle inequality are left alone, with their NaN areas.
+    The new lengths are smooth in the given ones while the same edges flip. Where four vertices come to lie on a circle, an
+    edge jumps to the other diagonal; both have ⋆₁ = 0 there, so what is made of cotangent weights stays continuous.
+    Triangles that break the triangle inequality are left alone, with their NaN areas.
 
     Args:
         lengths: length of each edge.
@@ -95,14 +97,17 @@ _NO_ROOM = (
 
 
 class _Schedule(NamedTuple):
-    """What crosses the callback. Flips stand in rows, to be done one row after the other, padded with edge number E."""
+    """What crosses the callback: arrays of NumPy on the host, of JAX on this side; and their shapes, announced to it.
 
-    topology: TopologyArrays | Any
-    frame_rotations: Float[Array, " V"] | Any
-    wide: Int[Array, "rows width 5"] | Any
-    narrow: Int[Array, "rows width 5"] | Any
-    flips: Int[Array, ""] | Any
-    complete: Array | Any
+    Flips stand in rows `[rows, width, 5]`, to be done one row after the other, padded with the number of edges.
+    """
+
+    topology: Any
+    frame_rotations: Any
+    wide: Any
+    narrow: Any
+    flips: Any
+    complete: Any
 
 
 _LEAST_WIDTH = 32
@@ -152,20 +157,15 @@ def _in_rows(
 ) -> tuple[list[Int[np.ndarray, "rows width 5"]], bool]:
     """The flips in rows of these shapes, no two levels in a row; and whether all found room."""
     blocks = [np.full((*shape, 5), n_edges, np.int32) for shape in shapes]
-    rows = (row for block in blocks for row in block)
-    starts = (
-        np.searchsorted(found.levels, np.arange(found.levels[-1] + 2))
-        if len(found.levels)
-        else np.zeros(1, int)
-    )
-    for start, stop in zip(starts[:-1], starts[1:], strict=True):
-        while start < stop:
+    rows = itertools.chain(*blocks)
+    for level in np.split(found.diamonds, np.flatnonzero(np.diff(found.levels)) + 1):
+        waiting = level
+        while len(waiting):
             row = next(rows, None)
             if row is None:
                 return blocks, False
-            taken = found.diamonds[start : min(stop, start + len(row))]
-            row[: len(taken)] = taken
-            start += len(taken)
+            row[: len(waiting)] = waiting[: len(row)]
+            waiting = waiting[len(row) :]
     return blocks, True
 
 
@@ -212,7 +212,7 @@ def _apex(
 
 @flipped_lengths.defjvp
 def _(primals, tangents):
-    """By the quadrilateral's self-stress, whose coefficients are ratios of its four triangles: five numbers a flip to keep."""
+    """By the self-stress of the quadrilateral, ratios of its four triangles. Reverse mode keeps five numbers a flip."""
     ij, ik, jk, il, jl = primals
     kl = flipped_lengths(ij, ik, jk, il, jl)
     (x_k, y_k), (x_l, y_l) = _apex(ij, ik, jk), _apex(ij, il, jl)
@@ -226,4 +226,5 @@ def _(primals, tangents):
         il / kl * (jkl / ijl),
         jl / kl * (ikl / ijl),
     )
-    return kl, sum(partial * tangent for partial, tangent in zip(partials, tangents, strict=True))
+    change = sum((p * t for p, t in zip(partials, tangents, strict=True)), start=jnp.zeros_like(kl))
+    return kl, change

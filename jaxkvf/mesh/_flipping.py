@@ -93,14 +93,14 @@ class _Surface:
         left, right = self._triangles(edges)
         (base, jk, ik), (_, il, jl) = left, right
         cot_left, cot_right = _cotangent(ik, jk, base), _cotangent(il, jl, base)
-        violation = -(cot_left + cot_right)
         with np.errstate(invalid="ignore"):
+            violation = -(cot_left + cot_right)
             bad = violation > tolerance
         halfedges = self.halfedges[edges]
         bad &= halfedges[:, 0] // 3 != halfedges[:, 1] // 3
         edges, violation = edges[bad], violation[bad]
         base, ik, jk, il, jl = (side[bad] for side in (base, ik, jk, il, jl))
-        diagonal = flipped_lengths(base, ik, jk, il, jl)
+        diagonal = _flipped_lengths(base, ik, jk, il, jl)
         with np.errstate(invalid="ignore"):
             # The sum of all cotangents falls with each true flip (Musin's harmonic index): so rounding cannot cycle.
             before = _cotangent_sum(base, ik, jk) + _cotangent_sum(base, il, jl)
@@ -137,7 +137,7 @@ class _Surface:
         diamond = np.stack([edges, side[0], side[3], side[1], side[2]], axis=1).astype(np.int32)
 
         base, length_ik, length_jk, length_il, length_jl = self.lengths[diamond].T
-        diagonal = flipped_lengths(base, length_ik, length_jk, length_il, length_jl)
+        diagonal = _flipped_lengths(base, length_ik, length_jk, length_il, length_jl)
         self.lengths[edges] = diagonal
         self.faces[f] = np.stack([k, i, l], axis=1)
         self.faces[g] = np.stack([l, j, k], axis=1)
@@ -208,7 +208,9 @@ def _angle(opposite: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     return np.arctan2(4 * _areas(opposite, b, c), _twice_dot(opposite, b, c))
 
 
-def flipped_lengths(e: np.ndarray, ik: np.ndarray, jk: np.ndarray, il: np.ndarray, jl: np.ndarray) -> np.ndarray:
+def _flipped_lengths(
+    e: np.ndarray, ik: np.ndarray, jk: np.ndarray, il: np.ndarray, jl: np.ndarray
+) -> np.ndarray:
     """Length of kl in the quadrilateral i l j k with diagonal e = ij: both triangles laid out along ij."""
     with np.errstate(invalid="ignore", divide="ignore"):
         x = ((ik - jk) * (ik + jk) - (il - jl) * (il + jl)) / (2 * e)
