@@ -6,6 +6,7 @@ from ._dense import DenseEigh as DenseEigh
 from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
+from ._fallback import WithFallback as WithFallback
 from ._jacobi import BlockJacobi as BlockJacobi
 from ._jacobi import Chebyshev as Chebyshev
 from ._lobpcg import LOBPCG as LOBPCG
