@@ -11,6 +11,7 @@ from . import geometry as geometry
 from . import killing as killing
 from . import reference as reference
 from . import symmetry as symmetry
+from .eigen import LOBPCG as LOBPCG
 from .eigen import DenseEigh as DenseEigh
 from .eigen import ScipyEigsh as ScipyEigsh
 from .fields import KillingFields as KillingFields
@@ -23,5 +24,6 @@ from .mesh import MeshError as MeshError
 from .mesh import Topology as Topology
 from .mesh import TriangleMesh as TriangleMesh
 from .mesh import shapes as shapes
+from .solvers import multigrid_solver as multigrid_solver
 from .symmetry import Symmetrization as Symmetrization
 from .symmetry import symmetrize as symmetrize

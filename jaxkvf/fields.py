@@ -7,10 +7,19 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .eigen import RESULTS, AbstractEigensolver, GeneralizedEigenproblem, cluster_labels, eigsolve
+from .eigen import (
+    RESULTS,
+    AbstractEigensolver,
+    EigenSolution,
+    GeneralizedEigenproblem,
+    check_count,
+    cluster_labels,
+    eigsolve,
+)
 from .geometry import edge_lengths, embed, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
 from .mesh import Topology, TriangleMesh
+from .solvers import chosen_solver
 
 
 class KillingFields(eqx.Module):
@@ -30,6 +39,7 @@ class KillingFields(eqx.Module):
     """Surface area. Unit: length²."""
     result: RESULTS
     stats: dict[str, Any]
+    """What was done: `solver` names the choice, the rest depends on it."""
 
     @property
     def dimensionless(self) -> Float[Array, " k"]:
@@ -52,7 +62,7 @@ def killing_fields(
         k: number of fields.
         discretization: `"regge"` (vertex vectors, the default) or `"dec"` (the paper's 1-forms, on the intrinsic Delaunay
             triangulation).
-        solver: eigensolver; by default chosen by size.
+        solver: eigensolver; by default chosen by backend, size and k: `.stats["solver"]` says which, and why.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
     Raises:
@@ -61,7 +71,7 @@ def killing_fields(
     """
     chosen = discretization_named(discretization)
     lengths = edge_lengths(mesh.vertices, mesh.topology)
-    solution = eigsolve(_assemble(chosen, lengths, mesh.topology), k, solver, throw=throw)
+    solution = _solve(chosen, lengths, mesh.topology, k, solver, throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
     return KillingFields(
@@ -113,8 +123,25 @@ def intrinsic_killing_eigenvalues(
         raise ValueError(
             f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
         )
-    problem = _assemble(discretization_named(discretization), lengths, topology)
-    return eigsolve(problem, k, solver, throw=throw).eigenvalues
+    chosen = discretization_named(discretization)
+    return _solve(chosen, lengths, topology, k, solver, throw).eigenvalues
+
+
+def _solve(
+    discretization: AbstractDiscretization,
+    lengths: Float[Array, " E"],
+    topology: Topology,
+    k: int,
+    solver: AbstractEigensolver | None,
+    throw: bool,
+) -> EigenSolution:
+    problem = _assemble(discretization, lengths, topology)
+    check_count(k, problem.size)  # before a solver is chosen and built for it
+    reason = "the caller's"
+    if solver is None:
+        solver, reason = chosen_solver(lengths, topology, discretization, k)
+    solution = eigsolve(problem, k, solver, throw=throw)
+    return eqx.tree_at(lambda s: s.stats, solution, solution.stats | {"solver": reason})
 
 
 # Assembly and finish are jitted, the solve between them is not: a solver on the host then needs no callback, and compiled

@@ -6,6 +6,7 @@ from ._dense import DenseEigh as DenseEigh
 from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
+from ._factorization import cholmod_is_installed as cholmod_is_installed
 from ._fallback import WithFallback as WithFallback
 from ._jacobi import BlockJacobi as BlockJacobi
 from ._jacobi import Chebyshev as Chebyshev
@@ -17,6 +18,7 @@ from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
 from ._scipy import ScipyEigsh as ScipyEigsh
 from ._solution import RESULTS as RESULTS
 from ._solution import EigenSolution as EigenSolution
+from ._solve import check_count as check_count
 from ._solve import cluster_labels as cluster_labels
 from ._solve import cluster_sums as cluster_sums
 from ._solve import eigsolve as eigsolve

@@ -116,11 +116,8 @@ class RowProduct(eqx.Module):
 
         parts = []
         for values, columns in zip(self.values, self.columns, strict=True):
-            if len(values) == 1:
-                parts.append(chunk(values[0], columns[0]))
-            else:
-                empty = jnp.zeros((values.shape[3], block.shape[1]), block.dtype)
-                parts.append(jax.lax.scan(add, empty, (values, columns))[0])
+            empty = jnp.zeros((values.shape[3], block.shape[1]), block.dtype)
+            parts.append(jax.lax.scan(add, empty, (values, columns))[0])
         product = jnp.concatenate(parts)
         if self.places is None:
             return product
@@ -196,11 +193,8 @@ class ProductLayout(eqx.Module):
 
         parts = []
         for left, right in zip(self.left, self.right, strict=True):
-            if len(left) == 1:
-                parts.append(chunk(left[0], right[0]))
-            else:
-                empty = jnp.zeros((left.shape[2], L.shape[1], R.shape[2]), L.dtype)
-                parts.append(jax.lax.scan(add, empty, (left, right))[0])
+            empty = jnp.zeros((left.shape[2], L.shape[1], R.shape[2]), L.dtype)
+            parts.append(jax.lax.scan(add, empty, (left, right))[0])
         product = jnp.concatenate(parts)
         return product if self.places is None else product[self.places]
 
@@ -257,7 +251,9 @@ def _terms(starts: np.ndarray, sums: np.ndarray, width: int) -> tuple[np.ndarray
 def _chunked(slots: np.ndarray, nothing: int) -> np.ndarray:
     """`[chunks, slots, rows]`, as few chunks of equal length as need be, the last filled up."""
     width, rows = slots.shape
-    chunks = -(-width // _UNROLLED)
+    # A loop of two rounds at least is a loop for XLA, which computes what goes in and what comes out of it once. It would
+    # compute a plain expression anew wherever its result is gathered: of chained products, exponentially often.
+    chunks = max(2, -(-width // _UNROLLED))
     size = -(-width // chunks)
     filler = np.full((chunks * size - width, rows), nothing, slots.dtype)
     return np.concatenate([slots, filler]).reshape(chunks, size, rows)

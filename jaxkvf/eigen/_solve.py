@@ -40,10 +40,7 @@ def eigsolve(
         ValueError: k is not an integer in 1…n; a guess of the wrong shape.
         equinox.EquinoxRuntimeError: the solve failed and `throw`; the message says why and what to do.
     """
-    if isinstance(k, bool) or not isinstance(k, int) or not 1 <= k <= problem.size:
-        raise ValueError(
-            f"k must be an integer between 1 and the number of unknowns {problem.size}, got {k!r}"
-        )
+    check_count(k, problem.size)
     if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
         raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
     if solver is None:
@@ -56,6 +53,16 @@ def eigsolve(
     vectors = jax.lax.stop_gradient(solution.eigenvectors)
     values = _hellmann_feynman(problem, jax.lax.stop_gradient(solution.eigenvalues), vectors)
     return eqx.tree_at(lambda s: (s.eigenvalues, s.eigenvectors), solution, (values, vectors))
+
+
+def check_count(k: int, size: int) -> None:
+    """Whether a problem of this size has k eigenpairs.
+
+    Raises:
+        ValueError: k is not an integer in 1…size.
+    """
+    if isinstance(k, bool) or not isinstance(k, int) or not 1 <= k <= size:
+        raise ValueError(f"k must be an integer between 1 and the number of unknowns {size}, got {k!r}")
 
 
 @eqx.filter_custom_jvp

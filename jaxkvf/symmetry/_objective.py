@@ -64,6 +64,8 @@ class Evaluation(eqx.Module):
     """Price of each term."""
     solved: Bool[Array, ""]
     """Whether the eigensolver converged."""
+    eigenvectors: Float[Array, "n k"]
+    """Of the first few fields: where the eigensolver may start at a mesh nearby."""
 
 
 class SymmetryObjective(eqx.Module):
@@ -87,15 +89,21 @@ class SymmetryObjective(eqx.Module):
         return self.original.with_vertices(self.original.vertices + self.unit * displacement)
 
     def __call__(
-        self, displacement: Float[Array, "V 3"], args: None = None
+        self, displacement: Float[Array, "V 3"], guess: Float[Array, "n k"] | None
     ) -> tuple[Float[Array, ""], Evaluation]:
-        """The objective, infinite where the eigensolver fails so that a minimiser steps back; for optimistix."""
+        """The objective, infinite where the eigensolver fails so that a minimiser steps back; for optimistix.
+
+        `guess` are approximate eigenvectors, which save steps but do not change the result.
+        """
         mesh = self.moved(displacement)
         lengths = edge_lengths(mesh.vertices, mesh.topology)
         problem = self.discretization.eigenproblem(lengths, mesh.topology)
-        solution = eigsolve(problem, min(self.count + 2, problem.size), self.solver, throw=False)
+        k = min(self.count + 2, problem.size)
+        solution = eigsolve(problem, k, self.solver, guess=guess, throw=False)
         dimensionless = solution.eigenvalues * surface_area(lengths, mesh.topology)
         prices = jnp.stack([term(mesh, self.original) for term in self.terms]) if self.terms else jnp.zeros(0)
         solved = solution.result == RESULTS.successful
         total = dimensionless[: self.count].sum() + prices.sum()
-        return jnp.where(solved, total, jnp.inf), Evaluation(dimensionless, prices, solved)
+        return jnp.where(solved, total, jnp.inf), Evaluation(
+            dimensionless, prices, solved, solution.eigenvectors
+        )

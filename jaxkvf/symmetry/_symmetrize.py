@@ -13,6 +13,7 @@ from ..eigen import AbstractEigensolver
 from ..geometry import corner_angles, edge_lengths
 from ..killing import Regge
 from ..mesh import TriangleMesh
+from ..solvers import multigrid_solver
 from ._objective import AbstractTerm, Evaluation, PositionFidelity, ShapeBarrier, SymmetryObjective
 
 
@@ -81,7 +82,7 @@ def symmetrize(
         count: number of symmetries to make exact: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere.
         terms: prices of moving, see `PositionFidelity` and `ShapeBarrier`; dropping the latter allows slivers.
         minimiser: any optimistix minimiser over displacements `[V, 3]` in mean edge lengths; by default L-BFGS.
-        solver: eigensolver; by default chosen by size.
+        solver: eigensolver; by default `multigrid_solver` on meshes that are worth it, shift-invert on small ones.
         rtol, atol: done when Σ_{i<count} λ_i · area ≤ rtol × its value at the input + atol.
         max_steps: most evaluations of the objective.
         callback: called with every accepted `Step`, the input's first.
@@ -103,34 +104,42 @@ def symmetrize(
     if minimiser is None:
         minimiser = optx.LBFGS(rtol=1e-8, atol=1e-8, history_length=20)
 
+    if solver is None:
+        worth_a_hierarchy = mesh.topology.n_vertices >= _MULTIGRID_FROM
+        solver = multigrid_solver(mesh, rtol=_RESIDUAL) if worth_a_hierarchy else None
     objective = SymmetryObjective(mesh, tuple(terms), count, Regge(), solver)
     displacement = jnp.zeros_like(mesh.vertices)
-    state = _init(minimiser, objective, displacement)
-    evaluations, history, goal = 0, [], -np.inf
-    outcome = OUTCOMES.max_steps_reached
-    while evaluations < max_steps:
-        proposed, state = _step(minimiser, objective, displacement, state)
-        # What a step returns beside the state lags behind by one accepted point; the state's own does not.
-        evaluation = state.aux if hasattr(state, "aux") else _evaluate(objective, proposed)
-        evaluations += 1
-        first = evaluations == 1  # optimistix evaluates the starting point in its first step
-        if first and not bool(evaluation.solved):
-            outcome = OUTCOMES.eigensolver_failed
+    evaluation = _evaluate(objective, displacement)
+    if not bool(evaluation.solved):
+        return Symmetrization(mesh, (), OUTCOMES.eigensolver_failed, {"evaluations": 1, "steps": 0})
+
+    evaluations, history = 1, [_record(objective, displacement, evaluation, 1)]
+    if callback is not None:
+        callback(history[0])
+    goal = rtol * float(history[0].dimensionless[:count].sum()) + atol
+    state = _init(minimiser, objective, displacement, evaluation)
+    first, outcome = True, OUTCOMES.max_steps_reached
+    while float(history[-1].dimensionless[:count].sum()) > goal:
+        if evaluations >= max_steps:
             break
-        if first or bool((proposed != displacement).any()):
+        if bool(
+            minimiser.terminate(objective, displacement, evaluation.eigenvectors, {}, state, frozenset())[0]
+        ):
+            outcome = OUTCOMES.no_symmetry_nearby
+            break
+        proposed, state = _step(minimiser, objective, displacement, state, evaluation)
+        # Optimistix evaluates the starting point in its first step, which is done already.
+        evaluations += 0 if first else 1
+        first = False
+        if bool((proposed != displacement).any()):
             displacement = proposed
+            # What a step returns beside the state lags behind by one accepted point; the state's own does not.
+            evaluation = state.aux if hasattr(state, "aux") else _evaluate(objective, displacement)
             history.append(_record(objective, displacement, evaluation, evaluations))
             if callback is not None:
                 callback(history[-1])
-        asymmetry = float(history[-1].dimensionless[:count].sum())
-        if first:
-            goal = rtol * asymmetry + atol
-        if asymmetry <= goal:
-            outcome = OUTCOMES.successful
-            break
-        if bool(minimiser.terminate(objective, displacement, None, {}, state, frozenset())[0]):
-            outcome = OUTCOMES.no_symmetry_nearby
-            break
+    else:
+        outcome = OUTCOMES.successful
     return Symmetrization(
         objective.moved(displacement),
         tuple(history),
@@ -139,23 +148,35 @@ def symmetrize(
     )
 
 
-@eqx.filter_jit
-def _init(minimiser: optx.AbstractMinimiser, objective: SymmetryObjective, displacement: Array) -> Any:
-    value, aux = eqx.filter_eval_shape(objective, displacement, None)
-    return minimiser.init(objective, displacement, None, {}, value, aux, frozenset())
-
-
-@eqx.filter_jit
-def _step(
-    minimiser: optx.AbstractMinimiser, objective: SymmetryObjective, displacement: Array, state: Any
-) -> tuple[Array, Any]:
-    displacement, state, _ = minimiser.step(objective, displacement, None, {}, state, frozenset())
-    return displacement, state
+_MULTIGRID_FROM = 4_000  # vertices; smaller meshes are solved before multigrid is compiled
+_RESIDUAL = 1e-10  # of the eigensolves: gradients inherit it to first order
 
 
 @eqx.filter_jit
 def _evaluate(objective: SymmetryObjective, displacement: Array) -> Evaluation:
-    return objective(displacement)[1]
+    return objective(displacement, None)[1]
+
+
+@eqx.filter_jit
+def _init(
+    minimiser: optx.AbstractMinimiser, objective: SymmetryObjective, displacement: Array, near: Evaluation
+) -> Any:
+    guess = near.eigenvectors
+    value, aux = eqx.filter_eval_shape(objective, displacement, guess)
+    return minimiser.init(objective, displacement, guess, {}, value, aux, frozenset())
+
+
+@eqx.filter_jit
+def _step(
+    minimiser: optx.AbstractMinimiser,
+    objective: SymmetryObjective,
+    displacement: Array,
+    state: Any,
+    near: Evaluation,
+) -> tuple[Array, Any]:
+    guess = near.eigenvectors
+    displacement, state, _ = minimiser.step(objective, displacement, guess, {}, state, frozenset())
+    return displacement, state
 
 
 @eqx.filter_jit
