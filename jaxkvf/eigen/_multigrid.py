@@ -67,8 +67,9 @@ class Multigrid(AbstractPreconditioner):
         turns = (B.upper / length[:, None, None]).astype(dtype)
         masses = (b.mean(axis=1) / b.mean()).astype(dtype)
         levels = []
-        for coarsening in self.hierarchy:
-            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree)
+        import os
+        for depth, coarsening in enumerate(self.hierarchy):
+            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree + eval(os.environ.get('DEG','0'),{'l':depth}))
             levels.append(level)
         return _VCycle(tuple(levels), _Direct.factorize(K, masses), self.nested_steps)
 

@@ -21,7 +21,8 @@ from ..eigen import Coarsening, Interpolation
 from ..geometry import edge_angles
 from ..mesh import Topology
 
-_HOPS = 2  # coarse points are further apart than this
+import os
+_DEEP=int(os.environ.get('DEEP','99'))
 _SLOTS = 6  # coarse points that a vertex is interpolated from
 _ANISOTROPY = 3  # edges longer than this many times the shortest one at an end do not join: thin triangles coarsen one way
 _RIDGE = 1e-3  # keeps the linear part of the fit bounded where coarse points lie on a line
@@ -58,7 +59,7 @@ def vector_hierarchy(
     operator_edges, coarsenings = graph.edges, []
     random = np.random.default_rng(_SEED)
     while graph.n > direct_below:
-        interpolation, coarse = _coarsened(graph, random)
+        interpolation, coarse = _coarsened(graph, 2 if len(coarsenings) < _DEEP else 1, random)
         if coarse.n > _STALLED * graph.n:  # components of a node or two each are all that is left
             break
         coarsenings.append(Coarsening.build(interpolation, operator_edges))
@@ -128,14 +129,14 @@ class _Owners(NamedTuple):
     """From the node's frame to the owner's."""
 
 
-def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolation, _Graph]:
+def _coarsened(graph: _Graph, hops: int, random: np.random.Generator) -> tuple[Interpolation, _Graph]:
     around = _Neighbours.of(graph)
     joined = around.among(_are_joined(around))
-    chosen = _independent_set(joined, random)
+    chosen = _independent_set(joined, hops, random)
     if chosen.sum() > _STALLED * graph.n:
         joined = around
-        chosen = _independent_set(joined, random)
-    own = _owners(joined, chosen, len(graph.edges))
+        chosen = _independent_set(joined, hops, random)
+    own = _owners(joined, chosen, hops, len(graph.edges))
     coarse, bridges, bridge_ends = _coarse_graph(graph, own, int(chosen.sum()))
     weights, columns, slot_views = _interpolated(own, coarse, np.flatnonzero(chosen))
     interpolation = Interpolation(
@@ -148,7 +149,7 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
         bridge_ends=jnp.asarray(bridge_ends, jnp.int32),
         n_edges=len(graph.edges),
         n_coarse=coarse.n,
-        hops=_HOPS,
+        hops=hops,
     )
     return interpolation, coarse
 
@@ -164,14 +165,14 @@ def _counts(around: _Neighbours) -> Int[np.ndarray, " n"]:
     return np.diff(around.starts, append=len(around.nodes))
 
 
-def _independent_set(around: _Neighbours, random: np.random.Generator) -> Bool[np.ndarray, " n"]:
-    """A maximal set of nodes more than `_HOPS` steps apart: Luby's rounds with random priorities."""
+def _independent_set(around: _Neighbours, hops: int, random: np.random.Generator) -> Bool[np.ndarray, " n"]:
+    """A maximal set of nodes more than `hops` steps apart: Luby's rounds with random priorities."""
     n = len(around.starts)
     priority = random.permutation(n).astype(np.int32) + 1
     chosen, open_ = np.zeros(n, bool), np.ones(n, bool)
 
     def largest_near(values: np.ndarray) -> np.ndarray:
-        for _ in range(_HOPS):
+        for _ in range(hops):
             values = np.maximum.reduceat(values[around.nodes], around.starts)
         return values
 
@@ -183,7 +184,9 @@ def _independent_set(around: _Neighbours, random: np.random.Generator) -> Bool[n
     return chosen
 
 
-def _owners(around: _Neighbours, chosen: Bool[np.ndarray, " n"], n_edges: int) -> _Owners:
+def _owners(
+    around: _Neighbours, chosen: Bool[np.ndarray, " n"], hops: int, n_edges: int
+) -> _Owners:
     """Of every node the coarse node that is nearest along the graph, by as few steps as possible."""
     n = len(chosen)
     nodes, rows, steps = np.arange(n), around.rows, np.abs(around.displacements)
@@ -195,7 +198,7 @@ def _owners(around: _Neighbours, chosen: Bool[np.ndarray, " n"], n_edges: int) -
         displacements=np.zeros(n, complex),
         turns=np.ones(n, complex),
     )
-    for _ in range(_HOPS):
+    for _ in range(hops):
         through = own.distances[around.nodes] + steps
         shortest = np.minimum.reduceat(through, around.starts)
         reached = (own.owners < 0) & np.isfinite(shortest)
