@@ -71,7 +71,7 @@ def killing_fields(
     """
     chosen = discretization_named(discretization)
     lengths = edge_lengths(mesh.vertices, mesh.topology)
-    solution = _solve(chosen, lengths, mesh.topology, k, solver, throw)
+    solution = _solve(chosen, lengths, mesh.topology, k, solver=solver, throw=throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
     return KillingFields(
@@ -124,7 +124,7 @@ def intrinsic_killing_eigenvalues(
             f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
         )
     chosen = discretization_named(discretization)
-    return _solve(chosen, lengths, topology, k, solver, throw).eigenvalues
+    return _solve(chosen, lengths, topology, k, solver=solver, throw=throw).eigenvalues
 
 
 def _solve(
@@ -132,6 +132,7 @@ def _solve(
     lengths: Float[Array, " E"],
     topology: Topology,
     k: int,
+    *,
     solver: AbstractEigensolver | None,
     throw: bool,
 ) -> EigenSolution:

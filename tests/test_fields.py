@@ -94,6 +94,7 @@ def test_the_lowest_field_of_a_spheroid_is_its_rotation():
 REAL = ("boat", "fish", "hammer", "penguin", "plane_holes", "spot", "wingnut")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", REAL)
 def test_real_meshes(real_mesh_folder, name):
     """Five positive λ·area, the same by two factorizations to 1e-8, and no negative eigenvalue to rounding."""
@@ -150,6 +151,7 @@ def test_derivative_of_a_simple_eigenvalue(noisy_spheroid, discretization):
     np.testing.assert_allclose(reverse, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("discretization", ["regge", "dec"])
 def test_derivative_of_the_sum_of_the_spheres_triple(discretization):
     """At the round sphere the triple is split by any perturbation, but its sum is smooth. The four-fold sum of the

@@ -43,6 +43,7 @@ def test_a_noisy_spheroid_becomes_symmetric():
     assert (np.diff(objective) <= 0).all()
 
 
+@pytest.mark.slow
 def test_three_symmetries_of_a_noisy_sphere():
     noisy = shapes.add_normal_noise(shapes.icosphere(6), 0.05, seed=1)
     done = jaxkvf.symmetrize(noisy, count=3, rtol=1e-3)
@@ -61,6 +62,7 @@ def test_it_is_deterministic_and_leaves_its_input_alone():
     assert one.stats["evaluations"] == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "minimiser", [optx.BFGS(1e-8, 1e-8), optx.NonlinearCG(1e-8, 1e-8)], ids=["BFGS", "CG"]
 )

@@ -71,7 +71,8 @@ def _by_view(turns: Float[Array, "m b b"]) -> Float[Array, "views b b"]:
 
 
 class Coarsening(eqx.Module):
-    """An interpolation, with the layouts of the products that a multigrid cycle forms with an operator K on the fine graph."""
+    """An interpolation, with the layouts of the products that a multigrid cycle forms with an operator K on
+    the fine graph."""
 
     interpolation: Interpolation
     operator: RowLayout

@@ -4,6 +4,9 @@ Both kinds of product are sums of a varying number of terms, one sum a row (or a
 together, padded to the same length, so that all of them advance by one term at once: gathers and no scatter.
 """
 
+# pyright: reportAttributeAccessIssue=false, reportCallIssue=false, reportArgumentType=false
+# (the stubs of NumPy and SciPy know too little of complex and sparse arrays)
+
 import functools
 from typing import NamedTuple
 
@@ -60,9 +63,9 @@ class Pattern(NamedTuple):
 class RowLayout(eqx.Module):
     """A pattern laid out for products with blocks of vectors."""
 
-    columns: tuple[Int[Array, "chunks slots rows"], ...]
+    columns: tuple[Int[Array, "_ _ _"], ...]
     """Column block of each term; the terms are added in chunks."""
-    entries: tuple[Int[Array, "chunks slots rows"], ...]
+    entries: tuple[Int[Array, "_ _ _"], ...]
     """Block of each term; out of bounds for none."""
     places: Int[Array, " n"] | None
     """Where each row has gone, unless all stand in their order."""
@@ -85,7 +88,7 @@ class RowLayout(eqx.Module):
         """The matrix with these blocks."""
         _, r, c = blocks.shape
 
-        def values(entries: Int[Array, "chunks slots rows"]) -> Float[Array, "chunks slots c rows*r"]:
+        def values(entries: Int[Array, "_ _ _"]) -> Float[Array, "_ _ _ _"]:
             found = blocks.at[entries].get(mode="fill", fill_value=0)
             return jnp.moveaxis(found, 4, 2).reshape(*entries.shape[:2], c, -1)
 
@@ -95,8 +98,8 @@ class RowLayout(eqx.Module):
 class RowProduct(eqx.Module):
     """X ↦ M X for a matrix M of r × c blocks; unknown a of node i is number r i + a of the result."""
 
-    values: tuple[Float[Array, "chunks slots c rows*r"], ...]
-    columns: tuple[Int[Array, "chunks slots rows"], ...]
+    values: tuple[Float[Array, "_ _ _ _"], ...]
+    columns: tuple[Int[Array, "_ _ _"], ...]
     places: Int[Array, " n"] | None
     r: int = eqx.field(static=True)
 
@@ -128,9 +131,9 @@ class RowProduct(eqx.Module):
 class ProductLayout(eqx.Module):
     """Which pairs of blocks of L and R add up to each block of the matrix product L R."""
 
-    left: tuple[Int[Array, "chunks slots entries"], ...]
+    left: tuple[Int[Array, "_ _ _"], ...]
     """Block of L of each term; out of bounds for none."""
-    right: tuple[Int[Array, "chunks slots entries"], ...]
+    right: tuple[Int[Array, "_ _ _"], ...]
     places: Int[Array, " m"] | None
 
     @classmethod
@@ -182,24 +185,29 @@ class ProductLayout(eqx.Module):
 
     def __call__(self, L: Float[Array, "l a b"], R: Float[Array, "r b c"]) -> Float[Array, "m a c"]:
         """The blocks of L R."""
+        (_, a, b), c = L.shape, R.shape[2]
 
-        def chunk(left: Int[Array, "slots entries"], right: Int[Array, "slots entries"]) -> Array:
-            x = [L.at[slot].get(mode="fill", fill_value=0) for slot in left]
-            y = [R.at[slot].get(mode="promise_in_bounds") for slot in right]
-            return functools.reduce(jnp.add, (times(*pair) for pair in zip(x, y, strict=True)))
+        # A block is a row of numbers here: XLA fetches those together.
+        def term(left: Int[Array, " entries"], right: Int[Array, " entries"]) -> Float[Array, "entries ac"]:
+            x = L.reshape(-1, a * b).at[left].get(mode="fill", fill_value=0)
+            y = R.reshape(-1, b * c).at[right].get(mode="promise_in_bounds")
+            sums = (
+                sum(x[:, b * i + j] * y[:, c * j + k] for j in range(b)) for i in range(a) for k in range(c)
+            )
+            return jnp.stack([*sums], axis=1)
 
         def add(total: Array, terms: tuple[Array, Array]) -> tuple[Array, None]:
-            return total + chunk(*terms), None
+            return functools.reduce(jnp.add, map(term, *terms), total), None
 
         parts = []
         for left, right in zip(self.left, self.right, strict=True):
-            empty = jnp.zeros((left.shape[2], L.shape[1], R.shape[2]), L.dtype)
+            empty = jnp.zeros((left.shape[2], a * c), L.dtype)
             parts.append(jax.lax.scan(add, empty, (left, right))[0])
         product = jnp.concatenate(parts)
-        return product if self.places is None else product[self.places]
+        return (product if self.places is None else product[self.places]).reshape(-1, a, c)
 
 
-def times(L: Float[Array, "*n a b"], R: Float[Array, "*#n b c"]) -> Float[Array, "*#n a c"]:
+def times(L: Float[Array, "... a b"], R: Float[Array, "... b c"]) -> Float[Array, "... a c"]:
     """The product of each two blocks, written out: XLA makes one loop of it, but a call a block of a batched product."""
     terms = (L[..., :, b, None] * R[..., b, None, :] for b in range(L.shape[-1]))
     return functools.reduce(jnp.add, terms)
@@ -211,7 +219,8 @@ _NOTHING = np.int32(np.iinfo(np.int32).max)
 def _length_classes(
     lengths: Int[np.ndarray, " n"],
 ) -> tuple[list[tuple[np.ndarray, int]], np.ndarray | None]:
-    """The sums in classes, each with the length it is padded to, and the place of every sum when the classes follow each other.
+    """The sums in classes, each with the length it is padded to, and the place of every sum when the classes
+    follow each other.
 
     At most three classes, chosen to minimise the padding; one, with places None, where more do not pay.
     """
@@ -248,7 +257,7 @@ def _terms(starts: np.ndarray, sums: np.ndarray, width: int) -> tuple[np.ndarray
     return np.where(inside, position, 0), inside
 
 
-def _chunked(slots: np.ndarray, nothing: int) -> np.ndarray:
+def _chunked(slots: np.ndarray, nothing: int | np.integer) -> np.ndarray:
     """`[chunks, slots, rows]`, as few chunks of equal length as need be, the last filled up."""
     width, rows = slots.shape
     # A loop of two rounds at least is a loop for XLA, which computes what goes in and what comes out of it once. It would

@@ -179,11 +179,11 @@ class _Iteration(eqx.Module):
         """
         parts = []
         if guess is not None:
-            guess = jnp.where(jnp.isfinite(guess).all(axis=0, keepdims=True), guess, 0)
+            guess = jnp.where(jnp.isfinite(guess).all(axis=0, keepdims=True), guess, 0).astype(dtype)
             parts.append(guess if guess.shape[1] <= m else self._ritz_vectors(guess)[0][:, :m])
         if self.inverse is not None and (guess is None or guess.shape[1] < self.k):
             proposed = self.inverse.starting_vectors(m)
-            parts += [] if proposed is None else [proposed]
+            parts += [] if proposed is None else [proposed.astype(dtype)]
         rest = 2 * m - sum(part.shape[1] for part in parts)
         return jnp.concatenate([*parts, jax.random.normal(key, (n, rest), dtype)], axis=1)
 
@@ -341,4 +341,3 @@ class _Iteration(eqx.Module):
         AS = self.A(S)
         values, C = ritz_pairs(S.T @ AS, kept)
         return S @ C, AS @ C, BS @ C, values, jnp.arange(len(kept)) < kept.sum(), negative
-

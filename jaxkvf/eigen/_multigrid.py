@@ -1,6 +1,7 @@
 """Multigrid: an approximate inverse whose quality does not depend on size.
 
-References: A. Brandt, Algebraic multigrid theory (1986); J. Lottes, Optimal polynomial smoothers for multigrid V-cycles (2023);
+References: A. Brandt, Algebraic multigrid theory (1986); J. Lottes, Optimal polynomial smoothers for
+multigrid V-cycles (2023);
 U. Trottenberg, C. Oosterlee, A. Schüller, Multigrid (2001), §2.6 for nested iteration.
 """
 
@@ -24,9 +25,12 @@ _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from belo
 class Multigrid(AbstractPreconditioner):
     """One V-cycle for A + sB, symmetric and positive definite, on a hierarchy of ever coarser graphs.
 
-    Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the coarsest problem
-    is solved directly. All numbers but the interpolation's weights come from the problem, so that one `Multigrid` serves while
-    its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the hierarchy was built for, A positive
+    Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the
+    coarsest problem
+    is solved directly. All numbers but the interpolation's weights come from the problem, so that one
+    `Multigrid` serves while
+    its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the
+    hierarchy was built for, A positive
     semi-definite, and each off-diagonal block of B a positive multiple of the rotation that carries components from the
     column's frame to the row's, as in a mass matrix with transport along the edges (of 1 for scalars).
     """
@@ -36,7 +40,8 @@ class Multigrid(AbstractPreconditioner):
     degree: int = eqx.field(default=3, static=True)
     """Of the smoother: products with the operator before and after each coarse correction."""
     dtype: str | None = eqx.field(default=None, static=True)
-    """Precision inside the cycle, by default the problem's; `"float32"` is enough for LOBPCG in float64, in half the memory."""
+    """Precision inside the cycle, by default the problem's; `"float32"` is enough for LOBPCG in float64, in
+    half the memory."""
     nested_steps: int = eqx.field(default=2, static=True)
     """Improvements of the starting vectors on each level between the coarsest and the finest."""
 
@@ -61,15 +66,16 @@ class Multigrid(AbstractPreconditioner):
 
         dtype = jnp.dtype(self.dtype or problem.dtype)
         K = SymmetricBlockOperator(
-            (A.diagonal + shift * B.diagonal).astype(dtype), (A.upper + shift * B.upper).astype(dtype), A.edges
+            (A.diagonal + shift * B.diagonal).astype(dtype),
+            (A.upper + shift * B.upper).astype(dtype),
+            A.edges,
         )
         length = jnp.linalg.norm(B.upper, axis=(1, 2)) / B.block_size**0.5
         turns = (B.upper / length[:, None, None]).astype(dtype)
         masses = (b.mean(axis=1) / b.mean()).astype(dtype)
         levels = []
-        import os
-        for depth, coarsening in enumerate(self.hierarchy):
-            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree + eval(os.environ.get('DEG','0'),{'l':depth}))
+        for coarsening in self.hierarchy:
+            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree)
             levels.append(level)
         return _VCycle(tuple(levels), _Direct.factorize(K, masses), self.nested_steps)
 
@@ -78,13 +84,19 @@ class Multigrid(AbstractPreconditioner):
             operator = operator.operator
         operator = assembled(operator)
         if not isinstance(operator, SymmetricBlockOperator):
-            raise ValueError(f"Multigrid needs A and B as SymmetricBlockOperator, got {type(operator).__name__}")
+            raise ValueError(
+                f"Multigrid needs A and B as SymmetricBlockOperator, got {type(operator).__name__}"
+            )
         if self.hierarchy:
             finest = self.hierarchy[0].interpolation
-            built, got = (finest.weights.shape[0], finest.n_edges), (len(operator.diagonal), len(operator.upper))
+            built, got = (
+                (finest.weights.shape[0], finest.n_edges),
+                (len(operator.diagonal), len(operator.upper)),
+            )
             if built != got:
                 raise ValueError(
-                    f"the hierarchy was built for {built[0]} nodes and {built[1]} edges, the operator has {got[0]} and {got[1]}"
+                    f"the hierarchy was built for {built[0]} nodes and {built[1]} edges, "
+                    f"the operator has {got[0]} and {got[1]}"
                 )
         return operator
 
@@ -180,7 +192,9 @@ class _Level(eqx.Module):
             i = i.astype(b.dtype)
             # In this order neither x nor d is copied, and XLA computes the product once: everywhere that it is used.
             x = x + d
-            return x, (2 * i - 3) / (2 * i + 1) * d + (8 * i - 4) / (2 * i + 1) / self.largest * (b - self.K(x))
+            return x, (2 * i - 3) / (2 * i + 1) * d + (8 * i - 4) / (2 * i + 1) / self.largest * (
+                b - self.K(x)
+            )
 
         x, d = jax.lax.fori_loop(first, self.degree + 1, step, (x, d))
         return x + d
@@ -210,7 +224,8 @@ class _VCycle(AbstractApproximateInverse):
         return level.postsmoothed(b, x)
 
     def starting_vectors(self, count: int) -> Float[Array, "n _"]:
-        """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count` if it is small."""
+        """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count`
+        if it is small."""
         x = self.direct.vectors[:, :count]
         for depth in reversed(range(len(self.levels))):
             level = self.levels[depth]

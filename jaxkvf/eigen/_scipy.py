@@ -153,9 +153,9 @@ def _spectral_norm(A: sp.csc_array) -> float:
     """‖A‖₂ of a symmetric matrix, from below and within a few per cent."""
     if not A.data.any():
         return 0.0
-    start = np.random.default_rng(0).standard_normal(A.shape[0])
+    start = np.random.default_rng(0).standard_normal(len(A.diagonal()))
     found = eigsh(A, 1, v0=start, tol=0.01, return_eigenvectors=False)  # pyright: ignore[reportArgumentType]
-    return float(abs(found[0]))
+    return float(np.abs(found).max())
 
 
 def _shifted_inverse(

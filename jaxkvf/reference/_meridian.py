@@ -71,7 +71,7 @@ class Meridian:
         return z_t * (r_t * z_tt - r_tt * z_t) / self.speed(t) ** 4 / self.r(t)
 
 
-def resolve_meridian(r: Profile, z: Profile, interval: tuple[float, float], rtol: float) -> Meridian:
+def resolve_meridian(r: object, z: object, interval: tuple[float, float], rtol: float) -> Meridian:
     """The meridian, sampled until its tangent is known to `rtol`; `ValueError` where it is not regular."""
     t0, t1 = interval
     if not (np.isfinite(t0) and np.isfinite(t1) and t0 < t1):

@@ -1,0 +1,104 @@
+"""The vector multigrid preconditioner: symmetric, positive, independent of size, on all kinds of meshes."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxkvf
+from jaxkvf import geometry as g
+from jaxkvf import shapes
+from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, Multigrid, ScipyEigsh, eigsolve
+from jaxkvf.killing import Regge, vector_hierarchy
+from jaxkvf.sparse import assembled
+
+
+def two_spheres():
+    one, other = shapes.icosphere(7), shapes.icosphere(6)
+    faces = np.concatenate([np.asarray(one.faces), np.asarray(other.faces) + one.topology.n_vertices])
+    return jaxkvf.TriangleMesh.from_arrays(
+        np.concatenate([np.asarray(one.vertices), 3 + np.asarray(other.vertices)]), faces
+    )
+
+
+MESHES = {
+    "closed": lambda: shapes.bumpy_sphere(8),
+    "boundary": lambda: shapes.annulus(9),
+    "two components": two_spheres,
+    "thin triangles": lambda: shapes.random_sphere(700, seed=0, radii=(1.0, 1.0, 2.5)),
+}
+
+
+def problem_and_multigrid(mesh, **options):
+    lengths = g.edge_lengths(mesh.vertices, mesh.topology)
+    problem = Regge().eigenproblem(lengths, mesh.topology)
+    problem = GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
+    return problem, Multigrid(vector_hierarchy(lengths, mesh.topology), **options)
+
+
+@eqx.filter_jit
+def cycle(multigrid, problem, block):
+    return multigrid.prepare(problem).apply(block)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_cycle_is_symmetric_positive_definite(name):
+    problem, multigrid = problem_and_multigrid(MESHES[name]())
+    assert len(multigrid.hierarchy) >= 1
+    x = np.random.default_rng(0).standard_normal((problem.size, 8))
+    gram = x.T @ np.asarray(cycle(multigrid, problem, jnp.asarray(x)))
+    np.testing.assert_allclose(gram, gram.T, atol=1e-10 * np.abs(gram).max())
+    assert np.linalg.eigvalsh(gram)[0] > 0
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_lobpcg_with_it_takes_few_steps_and_is_right(name):
+    problem, multigrid = problem_and_multigrid(MESHES[name]())
+    solution = eigsolve(problem, 6, LOBPCG(preconditioner=multigrid))
+    reference = eigsolve(problem, 6, ScipyEigsh())
+    assert int(solution.stats["steps"]) <= 30
+    assert float(solution.residuals.max()) <= 1e-8
+    largest = float(
+        jnp.abs(problem.A.as_matrix()).sum(axis=1).max() / jnp.min(problem.B.as_matrix().diagonal())
+    )
+    np.testing.assert_allclose(solution.eigenvalues, reference.eigenvalues, rtol=1e-9, atol=1e-9 * largest)
+
+
+def test_steps_do_not_grow_with_the_mesh_and_a_warm_start_pays():
+    steps = []
+    for frequency in (10, 20):
+        problem, multigrid = problem_and_multigrid(shapes.bumpy_sphere(frequency))
+        solution = eigsolve(problem, 6, LOBPCG(preconditioner=multigrid))
+        steps.append(int(solution.stats["steps"]))
+    assert steps[1] <= 1.3 * steps[0] + 1
+
+    # The same hierarchy serves the moved mesh.
+    moved = shapes.add_normal_noise(shapes.bumpy_sphere(20), 0.01, seed=0)
+    near, _ = problem_and_multigrid(moved)
+    solver = LOBPCG(preconditioner=multigrid)
+    warm = eigsolve(near, 6, solver, guess=solution.eigenvectors)
+    reference = eigsolve(near, 6, ScipyEigsh())
+    np.testing.assert_allclose(warm.eigenvalues, reference.eigenvalues, rtol=1e-9)
+    assert int(warm.stats["steps"]) <= steps[1]
+
+
+def test_the_default_solver_of_a_mesh():
+    mesh = shapes.bumpy_sphere(7)
+    fields = jaxkvf.killing_fields(mesh, 3, solver=jaxkvf.multigrid_solver(mesh))
+    np.testing.assert_allclose(fields.eigenvalues, jaxkvf.killing_eigenvalues(mesh, 3), rtol=1e-9)
+    assert not bool(fields.stats["fell_back"]) and fields.stats["solver"] == "the caller's"
+    assert "fewer than" in jaxkvf.killing_fields(mesh, 3).stats["solver"]
+
+
+def test_it_is_deterministic():
+    mesh = shapes.bumpy_sphere(6)
+    one, two = (problem_and_multigrid(mesh)[1] for _ in range(2))
+    assert jax.tree.all(jax.tree.map(lambda a, b: bool((a == b).all()), one, two))
+
+
+def test_a_foreign_hierarchy_is_refused():
+    problem, _ = problem_and_multigrid(shapes.bumpy_sphere(6))
+    _, foreign = problem_and_multigrid(shapes.bumpy_sphere(7))
+    with pytest.raises(ValueError, match="hierarchy was built for 492 nodes"):
+        eigsolve(problem, 2, LOBPCG(preconditioner=foreign))
