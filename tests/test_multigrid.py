@@ -14,6 +14,9 @@ from jaxkvf.killing import Regge, vector_hierarchy
 from jaxkvf.sparse import assembled
 
 
+pytestmark = pytest.mark.slow
+
+
 def two_spheres():
     one, other = shapes.icosphere(7), shapes.icosphere(6)
     faces = np.concatenate([np.asarray(one.faces), np.asarray(other.faces) + one.topology.n_vertices])

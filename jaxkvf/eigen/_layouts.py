@@ -104,10 +104,10 @@ class RowProduct(eqx.Module):
     r: int = eqx.field(static=True)
 
     def __call__(self, block: Float[Array, "mc k"]) -> Float[Array, "nr k"]:
-        def chunk(values: Float[Array, "slots c rows*r"], columns: Int[Array, "slots rows"]) -> Array:
+        def chunk(values: Float[Array, "slots c rows_r"], columns: Int[Array, "slots rows"]) -> Array:
             slots, width, _ = values.shape
 
-            def term(slot: int, c: int) -> Float[Array, "rows*r k"]:
+            def term(slot: int, c: int) -> Float[Array, "rows_r k"]:
                 row = width * columns[slot] + c
                 row = jnp.broadcast_to(row[:, None], (len(row), self.r)).reshape(-1)
                 return values[slot, c][:, None] * block.at[row].get(mode="promise_in_bounds")
