@@ -13,7 +13,6 @@ from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, Multigrid, ScipyEigsh,
 from jaxkvf.killing import Regge, vector_hierarchy
 from jaxkvf.sparse import assembled
 
-
 pytestmark = pytest.mark.slow
 
 

@@ -185,7 +185,8 @@ class _Iteration(eqx.Module):
             proposed = self.inverse.starting_vectors(m)
             parts += [] if proposed is None else [proposed.astype(dtype)]
         rest = 2 * m - sum(part.shape[1] for part in parts)
-        return jnp.concatenate([*parts, jax.random.normal(key, (n, rest), dtype)], axis=1)
+        random = jax.random.uniform(key, (n, rest), jnp.float32, -1, 1)  # fewer bits to draw than in float64
+        return jnp.concatenate([*parts, random.astype(dtype)], axis=1)
 
     def run(self, basis: Float[Array, "n w"]) -> _State:
         n, m = basis.shape[0], basis.shape[1] // 2
