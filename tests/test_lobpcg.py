@@ -392,11 +392,11 @@ def test_no_eigenvalue_is_missed_and_a_warm_start_pays():
         _, D, _ = scipy.linalg.ldl(A - 0.5 * (values[count - 1] + values[count]) * B)
         assert (np.linalg.eigvalsh(D) < 0).sum() == count
 
-    moved = killing_problem(shapes.add_normal_noise(mesh, 0.01, seed=0))
+    moved = killing_problem(shapes.add_normal_noise(mesh, 0.001, seed=0))
     cold = eigsolve(moved, 6, solver, guess=nowhere)
     warm = eigsolve(moved, 6, solver, guess=solution.eigenvectors)
     np.testing.assert_allclose(warm.eigenvalues, cold.eigenvalues, atol=1e-8)
-    assert int(warm.stats["steps"]) < 0.75 * int(cold.stats["steps"])
+    assert int(warm.stats["steps"]) <= 0.6 * int(cold.stats["steps"])
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -7,6 +7,7 @@ along a path joins nodes further apart.
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -111,8 +112,8 @@ class Coarsening(eqx.Module):
             restriction=RowLayout.build(R),
             half=half,
             galerkin=galerkin,
-            diagonal_first=jnp.asarray(np.argsort(~on_diagonal, kind="stable"), jnp.int32),
-            coarse_edges=jnp.asarray(places[~on_diagonal], jnp.int32),
+            diagonal_first=jax.device_put(np.argsort(~on_diagonal, kind="stable").astype(np.int32)),
+            coarse_edges=jax.device_put(places[~on_diagonal].astype(np.int32)),
         )
 
     def coarse_operator(

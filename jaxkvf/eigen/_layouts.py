@@ -8,7 +8,10 @@ together, padded to the same length, so that all of them advance by one term at 
 # (the stubs of NumPy and SciPy know too little of complex and sparse arrays)
 
 import functools
-from typing import NamedTuple
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -17,8 +20,11 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
+_T, _U = TypeVar("_T"), TypeVar("_U")
+
 _MOST_CLASSES = 3  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
+_CHUNK = 1 << 19  # terms at a time on the host, to stay in its cache
 _UNROLLED = 8  # terms added at once: fewer cost memory traffic, more cost compilation
 
 
@@ -72,16 +78,12 @@ class RowLayout(eqx.Module):
 
     @classmethod
     def build(cls, pattern: Pattern) -> "RowLayout":
-        classes, places = _length_classes(np.diff(pattern.starts))
-        columns, entries = [], []
-        for rows, width in classes:
-            position, inside = _terms(pattern.starts, rows, width)
-            columns.append(np.where(inside, pattern.columns[position], 0))
-            entries.append(np.where(inside, pattern.entries[position], _NOTHING))
+        starts = pattern.starts
+        classes, places = _length_classes(np.diff(starts))
         return cls(
-            tuple(jnp.asarray(_chunked(part, 0)) for part in columns),
-            tuple(jnp.asarray(_chunked(part, _NOTHING)) for part in entries),
-            None if places is None else jnp.asarray(places),
+            tuple(_slots(pattern.columns, starts, rows, width, 0) for rows, width in classes),
+            tuple(_slots(pattern.entries, starts, rows, width, _NOTHING) for rows, width in classes),
+            None if places is None else jax.device_put(places),
         )
 
     def fill(self, blocks: Float[Array, "m r c"]) -> "RowProduct":
@@ -139,47 +141,20 @@ class ProductLayout(eqx.Module):
     @classmethod
     def build(cls, L: Pattern, R: Pattern, *, upper: bool = False) -> tuple["ProductLayout", Pattern]:
         """The layout, and the pattern of the product; with `upper`, of its entries with row ≤ column only."""
-        lengths = np.diff(R.starts)[L.columns]
-        ends = np.cumsum(lengths)
-        left = np.repeat(np.arange(len(lengths), dtype=np.int32), lengths)
-        first = R.starts[L.columns] - (ends - lengths)
-        right = np.arange(len(left), dtype=np.int32) + np.repeat(first.astype(np.int32), lengths)
-        columns = R.columns[right]
-        row_ends = np.append(0, ends)[L.starts[1:]]
-        if upper:
-            keep = columns >= L.rows[left]
-            left, right, columns = left[keep], right[keep], columns[keep]
-            row_ends = np.append(0, np.cumsum(keep))[row_ends]
-
-        # SciPy sorts the terms of each row by their column.
-        starts = np.append(0, row_ends).astype(np.int32)
-        terms = sp.csr_array(
-            (np.arange(len(left), dtype=np.int32), columns, starts), shape=(L.n_rows, R.n_columns)
-        )
-        terms.sort_indices()
-        is_first = np.ones(len(left), bool)
-        is_first[1:] = terms.indices[1:] != terms.indices[:-1]
-        is_first[starts[:-1][starts[:-1] < len(left)]] = True
-        entry_starts = np.append(np.flatnonzero(is_first), len(left))
-        counts = np.append(0, np.cumsum(is_first, dtype=np.int32))
-        pattern = Pattern(
-            starts=counts[starts],
-            columns=terms.indices[entry_starts[:-1]],
-            entries=np.arange(len(entry_starts) - 1, dtype=np.int32),
-            n_columns=R.n_columns,
-        )
-
-        left, right = L.entries[left[terms.data]], R.entries[right[terms.data]]
-        classes, places = _length_classes(np.diff(entry_starts))
-        lefts, rights = [], []
-        for entries, width in classes:
-            position, inside = _terms(entry_starts, entries, width)
-            lefts.append(np.where(inside, left[position], _NOTHING))
-            rights.append(np.where(inside, right[position], 0))
+        parts = _in_threads(lambda rows: _product_terms(L, R, *rows, upper), _row_chunks(L, R))
+        columns, counts, lengths, left, right = (np.concatenate(part) for part in zip(*parts, strict=True))
+        starts = np.append(0, np.cumsum(lengths)).astype(np.int32)
+        classes, places = _length_classes(lengths)
         layout = cls(
-            tuple(jnp.asarray(_chunked(part, _NOTHING)) for part in lefts),
-            tuple(jnp.asarray(_chunked(part, 0)) for part in rights),
-            None if places is None else jnp.asarray(places),
+            tuple(_slots(left, starts, entries, width, _NOTHING) for entries, width in classes),
+            tuple(_slots(right, starts, entries, width, 0) for entries, width in classes),
+            None if places is None else jax.device_put(places),
+        )
+        pattern = Pattern(
+            starts=np.append(0, np.cumsum(counts)).astype(np.int32),
+            columns=columns,
+            entries=np.arange(len(columns), dtype=np.int32),
+            n_columns=R.n_columns,
         )
         return layout, pattern
 
@@ -213,7 +188,7 @@ def times(L: Float[Array, "... a b"], R: Float[Array, "... b c"]) -> Float[Array
     return functools.reduce(jnp.add, terms)
 
 
-_NOTHING = np.int32(np.iinfo(np.int32).max)
+_NOTHING = int(np.iinfo(np.int32).max)
 
 
 def _length_classes(
@@ -250,19 +225,72 @@ def _length_classes(
     return classes, places
 
 
-def _terms(starts: np.ndarray, sums: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Positions `[width, len(sums)]` of the terms of these sums, and which of them are terms at all."""
-    position = starts[sums][None] + np.arange(width, dtype=starts.dtype)[:, None]
-    inside = position < starts[sums + 1][None]
-    return np.where(inside, position, 0), inside
-
-
-def _chunked(slots: np.ndarray, nothing: int | np.integer) -> np.ndarray:
-    """`[chunks, slots, rows]`, as few chunks of equal length as need be, the last filled up."""
-    width, rows = slots.shape
+def _slots(
+    terms: Int[np.ndarray, " t"],
+    starts: Int[np.ndarray, " n_starts"],
+    sums: Int[np.ndarray, " s"],
+    width: int,
+    nothing: int,
+) -> Int[Array, "chunks slots s"]:
+    """The terms of these sums, `nothing` where a sum has no more of them."""
     # A loop of two rounds at least is a loop for XLA, which computes what goes in and what comes out of it once. It would
     # compute a plain expression anew wherever its result is gathered: of chained products, exponentially often.
     chunks = max(2, -(-width // _UNROLLED))
-    size = -(-width // chunks)
-    filler = np.full((chunks * size - width, rows), nothing, slots.dtype)
-    return np.concatenate([slots, filler]).reshape(chunks, size, rows)
+    table = np.full((chunks, -(-width // chunks), len(sums)), nothing, np.int32)
+    rows, step = table.reshape(-1, len(sums)), max(1, _CHUNK // width)
+
+    def write(first: int) -> None:
+        here = slice(first, first + step)
+        position, end = starts[sums[here]], starts[sums[here] + 1]
+        for slot in range(width):
+            np.copyto(rows[slot, here], np.take(terms, position, mode="clip"), where=position < end)
+            position += 1
+
+    _in_threads(write, range(0, len(sums), step))
+    return jax.device_put(table)
+
+
+def _in_threads(function: Callable[[_T], _U], arguments: Sequence[_T]) -> list[_U]:
+    """`map` on all cores; NumPy and SciPy let go of Python's lock in long loops."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(function, arguments))
+
+
+def _row_chunks(L: Pattern, R: Pattern) -> list[tuple[int, int]]:
+    """First and last row of parts of the product that fit into the cache."""
+    terms = np.append(0, np.cumsum(np.diff(R.starts)[L.columns]))[L.starts]
+    cuts = np.searchsorted(terms, np.arange(_CHUNK, terms[-1], _CHUNK))
+    cuts = np.unique(np.concatenate([[0], cuts, [L.n_rows]]))
+    return list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
+
+
+def _product_terms(
+    L: Pattern, R: Pattern, first: int, last: int, upper: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of these rows of L R: each entry's column, entries a row, terms an entry; and left and right of each term."""
+    starts = L.starts[first : last + 1]
+    through = L.columns[starts[0] : starts[-1]]
+    lengths = (R.starts[1:] - R.starts[:-1])[through]
+    ends = np.cumsum(lengths)
+    position = np.arange(ends[-1], dtype=np.int32)
+    position += np.repeat((R.starts[through] - ends + lengths).astype(np.int32), lengths)
+    columns = R.columns[position]
+    left = np.repeat(L.entries[starts[0] : starts[-1]], lengths)
+    right = R.entries[position]
+    row_starts = np.append(0, ends)[starts - starts[0]]
+    if upper:
+        keep = columns >= np.repeat(np.arange(first, last, dtype=np.int32), np.diff(row_starts))
+        columns, left, right = columns[keep], left[keep], right[keep]
+        row_starts = np.append(0, np.cumsum(keep))[row_starts]
+
+    # SciPy sorts the terms of each row by their column; both numbers of a term travel as one.
+    pairs = left.astype(np.int64) << 32 | right
+    terms = sp.csr_array((pairs, columns, row_starts), shape=(last - first, R.n_columns))
+    terms.sort_indices()
+    columns, pairs = terms.indices, np.asarray(terms.data, np.int64)
+    starts_entry = np.append(True, columns[1:] != columns[:-1])
+    starts_entry[row_starts[:-1]] = True
+    entry_starts = np.flatnonzero(starts_entry)
+    counts = np.diff(np.searchsorted(entry_starts, row_starts))
+    lengths = np.diff(entry_starts, append=len(columns))
+    return columns[entry_starts], counts, lengths, (pairs >> 32).astype(np.int32), pairs.astype(np.int32)

@@ -20,28 +20,26 @@ from ._problem import GeneralizedEigenproblem
 from ._residual import spectral_norm
 
 _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
+_MORE_BELOW = 4  # smoothing steps on the coarser levels, where they cost little and spare LOBPCG steps
 
 
 class Multigrid(AbstractPreconditioner):
     """One V-cycle for A + sB, symmetric and positive definite, on a hierarchy of ever coarser graphs.
 
-    Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the
-    coarsest problem
-    is solved directly. All numbers but the interpolation's weights come from the problem, so that one
-    `Multigrid` serves while
-    its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the
-    hierarchy was built for, A positive
-    semi-definite, and each off-diagonal block of B a positive multiple of the rotation that carries components from the
-    column's frame to the row's, as in a mass matrix with transport along the edges (of 1 for scalars).
+    Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the coarsest
+    problem is solved directly. All numbers but the interpolation's weights come from the problem, so that one `Multigrid`
+    serves while its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the
+    hierarchy was built for. A is positive semi-definite. Each off-diagonal block of B is a positive multiple of the rotation
+    that carries components from the column's frame to the row's, as in a mass matrix with transport along the edges (of 1
+    for scalars); where it is zero, the frames are taken to agree.
     """
 
     hierarchy: tuple[Coarsening, ...]
-    """From fine to coarse; empty for a direct solve."""
+    """From fine to coarse; empty for a direct solve. Of a mesh: `jaxkvf.killing.vector_hierarchy`."""
     degree: int = eqx.field(default=3, static=True)
-    """Of the smoother: products with the operator before and after each coarse correction."""
+    """Of the smoother: products with the operator before and after a coarse correction; four more on coarser levels."""
     dtype: str | None = eqx.field(default=None, static=True)
-    """Precision inside the cycle, by default the problem's; `"float32"` is enough for LOBPCG in float64, in
-    half the memory."""
+    """Precision inside, by default the problem's. `"float32"` serves LOBPCG in float64 as well, in half the memory."""
     nested_steps: int = eqx.field(default=2, static=True)
     """Improvements of the starting vectors on each level between the coarsest and the finest."""
 
@@ -70,12 +68,14 @@ class Multigrid(AbstractPreconditioner):
             (A.upper + shift * B.upper).astype(dtype),
             A.edges,
         )
-        length = jnp.linalg.norm(B.upper, axis=(1, 2)) / B.block_size**0.5
-        turns = (B.upper / length[:, None, None]).astype(dtype)
+        length = jnp.linalg.norm(B.upper, axis=(1, 2), keepdims=True) / B.block_size**0.5
+        stay = jnp.eye(B.block_size, dtype=B.upper.dtype)[None]
+        turns = jnp.where(length > 0, B.upper / jnp.where(length > 0, length, 1), stay).astype(dtype)
         masses = (b.mean(axis=1) / b.mean()).astype(dtype)
         levels = []
         for coarsening in self.hierarchy:
-            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, self.degree)
+            degree = self.degree + (_MORE_BELOW if levels else 0)
+            level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, degree)
             levels.append(level)
         return _VCycle(tuple(levels), _Direct.factorize(K, masses), self.nested_steps)
 

@@ -20,7 +20,6 @@ algorithm for the maximal independent set problem (1986).
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Bool, Complex, Float, Int
@@ -31,7 +30,9 @@ from ..mesh import Topology
 
 _HOPS = 2  # coarse points are further apart than this
 _SLOTS = 6  # coarse points that a vertex is interpolated from
-_ANISOTROPY = 3  # edges longer than this many times the shortest one at an end do not join: thin triangles coarsen one way
+_ANISOTROPY = (
+    3  # edges this many times as long as the shortest at an end join nothing: slivers coarsen along one way
+)
 _RIDGE = 1e-3  # keeps the linear part of the fit bounded where coarse points lie on a line
 _STALLED = 0.6  # coarsening that leaves more nodes than this is not worth a level
 _CHUNK = 1 << 16  # vertices at a time, to stay in the cache
@@ -39,7 +40,7 @@ _SEED = 0
 
 
 def vector_hierarchy(
-    lengths: Float[Array, " E"], topology: Topology, *, direct_below: int = 128
+    lengths: Float[Array, " E"], topology: Topology, *, direct_below: int = 200
 ) -> tuple[Coarsening, ...]:
     """Coarsenings of a mesh for `Multigrid`, from fine to coarse; vectorised, once a connectivity, on the host.
 
@@ -149,13 +150,13 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
     coarse, bridges, bridge_ends = _coarse_graph(graph, own, int(chosen.sum()))
     weights, columns, slot_views = _interpolated(own, coarse, np.flatnonzero(chosen))
     interpolation = Interpolation(
-        weights=jnp.asarray(weights),
-        columns=jnp.asarray(columns, jnp.int32),
-        slot_views=jnp.asarray(slot_views, jnp.int32),
-        parents=jnp.asarray(own.parents, jnp.int32),
-        parent_views=jnp.asarray(own.parent_views, jnp.int32),
-        bridges=jnp.asarray(bridges, jnp.int32),
-        bridge_ends=jnp.asarray(bridge_ends, jnp.int32),
+        weights=jax.device_put(weights),
+        columns=jax.device_put(columns.astype(np.int32)),
+        slot_views=jax.device_put(slot_views.astype(np.int32)),
+        parents=jax.device_put(own.parents.astype(np.int32)),
+        parent_views=jax.device_put(own.parent_views.astype(np.int32)),
+        bridges=jax.device_put(bridges.astype(np.int32)),
+        bridge_ends=jax.device_put(bridge_ends.astype(np.int32)),
         n_edges=len(graph.edges),
         n_coarse=coarse.n,
         hops=_HOPS,
