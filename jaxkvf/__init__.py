@@ -18,11 +18,17 @@ from .fields import KillingFields as KillingFields
 from .fields import intrinsic_killing_eigenvalues as intrinsic_killing_eigenvalues
 from .fields import killing_eigenvalues as killing_eigenvalues
 from .fields import killing_fields as killing_fields
+from .geometry import intrinsic_delaunay as intrinsic_delaunay
 from .killing import killing_energy as killing_energy
 from .killing import killing_energy_density as killing_energy_density
 from .mesh import MeshError as MeshError
+from .mesh import MeshReport as MeshReport
+from .mesh import MeshTooLargeError as MeshTooLargeError
+from .mesh import Repair as Repair
 from .mesh import Topology as Topology
 from .mesh import TriangleMesh as TriangleMesh
+from .mesh import check as check
+from .mesh import repair as repair
 from .mesh import shapes as shapes
 from .solvers import multigrid_solver as multigrid_solver
 from .symmetry import Symmetrization as Symmetrization

@@ -1,6 +1,6 @@
-"""The command line: `jaxkvf fields MESH` and `jaxkvf symmetrize [MESH] -o OUT`.
+"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh` adds.
 
-Exit codes: 0 done, 1 could not (a message says why), 2 wrong use.
+Exit codes: 0 done, 1 could not (a message says why) or the mesh has errors, 2 wrong use.
 """
 
 import argparse
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from .cli_mesh import add_mesh_commands
 from .fields import KillingFields, killing_fields
 from .files import check_can_be_written, write_whole
 from .geometry import edge_lengths, mean_edge_length
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         json.dump(report, sys.stdout, indent=2)
         print()
-    return 0
+    return 0 if report.get("ok", True) else 1
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -94,6 +95,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     symmetrize.set_defaults(run=_symmetrize)
 
+    add_mesh_commands(commands, _READABLE, _with_suffix(*_WRITABLE))
     for command in (fields, symmetrize):
         command.add_argument("--json", action="store_true", help="print the result as JSON")
         picture = command.add_mutually_exclusive_group()

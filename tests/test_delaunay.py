@@ -249,6 +249,15 @@ def test_in_the_plane_it_is_the_delaunay_triangulation():
     )
 
 
+def test_a_mesh_stands_for_its_lengths_and_topology():
+    mesh = stretched_plane(400)
+    assert eqx.tree_equal(intrinsic_delaunay(mesh), intrinsic_delaunay(*surface(mesh)))
+    with pytest.raises(ValueError, match="a mesh alone"):
+        intrinsic_delaunay(mesh, mesh.topology)
+    with pytest.raises(ValueError, match="a mesh alone"):
+        intrinsic_delaunay(surface(mesh)[0])
+
+
 def test_a_sheared_torus_becomes_the_square_grid():
     found = intrinsic_delaunay(*sheared_torus(12, 3))
     lengths = np.sort(np.asarray(found.lengths))

@@ -15,11 +15,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float, Int
 
-from ..mesh import Topology
+from ..mesh import Topology, TriangleMesh
 from ..mesh._flipping import DelaunayFlips, delaunay_flips
 from ..mesh._topology import TopologyArrays
 from ._duals import cotan_weights
-from ._metric import triangle_areas
+from ._metric import edge_lengths, triangle_areas
 
 
 class IntrinsicDelaunay(eqx.Module):
@@ -57,24 +57,32 @@ def delaunay_tolerance(dtype: DTypeLike) -> float:
 
 @eqx.filter_jit
 def intrinsic_delaunay(
-    lengths: Float[Array, " E"], topology: Topology, *, capacity: int = 1
+    surface: TriangleMesh | Float[Array, " E"], topology: Topology | None = None, *, capacity: int = 1
 ) -> IntrinsicDelaunay:
-    """The intrinsic Delaunay triangulation; under `jit`, `vmap` and `grad` too (forward and reverse, any order).
+    """The intrinsic Delaunay triangulation of a mesh, or of edge lengths over a topology.
 
-    The new lengths are smooth in the given ones while the same edges flip. Where four vertices come to lie on a circle, an
-    edge jumps to the other diagonal; both have ⋆₁ = 0 there, so what is made of cotangent weights stays continuous.
+    Under `jit`, `vmap` and `grad` too (forward and reverse, any order). The new lengths are smooth in the given ones while
+    the same edges flip. Where four vertices come to lie on a circle, an edge jumps to the other diagonal; both have ⋆₁ = 0
+    there, so what is made of cotangent weights stays continuous.
     Triangles that break the triangle inequality are left alone, with their NaN areas.
 
     Args:
-        lengths: length of each edge.
-        topology: connectivity, of a mesh or of an intrinsic triangulation.
+        surface: a mesh, or the length of each edge of `topology`.
+        topology: connectivity, of a mesh or of an intrinsic triangulation; none beside a mesh.
         capacity: multiplies the room kept for flips, whose number must have a bound under `jit`. 1 is room for twice as
             many flips as edges and for a thousand that depend on each other; most meshes need a fraction of it.
 
     Raises:
-        ValueError: not one length an edge; capacity not a positive integer.
+        ValueError: not one length an edge; lengths without a topology, or a mesh with one; capacity not a positive integer.
         equinox.EquinoxRuntimeError: more flips than there is room for.
     """
+    if isinstance(surface, TriangleMesh) != (topology is None):
+        raise ValueError("intrinsic_delaunay takes a mesh alone, or edge lengths and their topology")
+    if isinstance(surface, TriangleMesh):
+        lengths, topology = edge_lengths(surface.vertices, surface.topology), surface.topology
+    else:
+        lengths = surface
+    assert topology is not None
     if lengths.shape != (topology.n_edges,):
         raise ValueError(
             f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"

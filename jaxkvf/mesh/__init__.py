@@ -1,6 +1,13 @@
 """Triangle meshes: connectivity, positions, files and shapes."""
 
 from . import shapes as shapes
+from ._check import Finding as Finding
+from ._check import MeshReport as MeshReport
+from ._check import check as check
 from ._errors import MeshError as MeshError
+from ._errors import MeshTooLargeError as MeshTooLargeError
+from ._errors import check_fits as check_fits
+from ._repair import Repair as Repair
+from ._repair import repair as repair
 from ._topology import Topology as Topology
 from ._triangle_mesh import TriangleMesh as TriangleMesh

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from ._defects import Gluing
 from ._errors import MeshError
 from ._validation import check_edges_manifold, checked_faces, name_first
 
@@ -162,14 +163,9 @@ class TopologyArrays(NamedTuple):
 
 
 def _build(faces: Int[np.ndarray, "F 3"], n_vertices: int) -> TopologyArrays:
-    tails = faces.ravel()
-    heads = np.roll(faces, -1, axis=1).ravel()
-    key = np.minimum(tails, heads).astype(np.int64) * n_vertices + np.maximum(tails, heads)
-    edge_keys, halfedge_edges = np.unique(key, return_inverse=True)
-    edges = np.stack([edge_keys // n_vertices, edge_keys % n_vertices], axis=1).astype(np.int32)
-    halfedge_edges = halfedge_edges.astype(np.int32).ravel()
-    check_edges_manifold(faces, halfedge_edges, edges)
-    return assemble(faces, halfedge_edges, tails < heads, n_vertices)
+    gluing = Gluing.of(faces, n_vertices)
+    check_edges_manifold(gluing)
+    return assemble(faces, gluing.halfedge_edges, gluing.forward, n_vertices)
 
 
 def assemble(

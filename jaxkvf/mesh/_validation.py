@@ -2,9 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+from . import _defects
 from ._errors import MeshError
 
 _MOST_NAMED = 5
@@ -20,12 +19,11 @@ def name_first(what: str, indices: Int[np.ndarray, " n"]) -> str:
     return f"{plural} {listed}{rest}"
 
 
-def checked_faces(faces: object, n_vertices: int) -> Int[np.ndarray, "F 3"]:
-    """`faces` as an int32 array of corner indices into `n_vertices` vertices, every one referenced.
+def face_array(faces: object) -> Int[np.ndarray, "F 3"]:
+    """`faces` as an int64 array `[F, 3]` of at least one face.
 
     Raises:
-        MeshError: not an integer `[F, 3]` array, empty, index out of range, a vertex twice in one face, or an
-            unreferenced vertex.
+        MeshError: another shape or dtype, or empty.
     """
     array = np.asarray(faces)
     if array.size == 0:
@@ -39,92 +37,77 @@ def checked_faces(faces: object, n_vertices: int) -> Int[np.ndarray, "F 3"]:
         )
     if not np.issubdtype(array.dtype, np.integer):
         raise MeshError(f"faces must have an integer dtype, got {array.dtype}")
+    return array.astype(np.int64)
+
+
+def checked_faces(faces: object, n_vertices: int) -> Int[np.ndarray, "F 3"]:
+    """`faces` as an int32 array of corner indices into `n_vertices` vertices, every one referenced.
+
+    Raises:
+        MeshError: not an integer `[F, 3]` array, empty, index out of range, a vertex twice in one face, or an
+            unreferenced vertex.
+    """
+    array = face_array(faces)
     if n_vertices >= np.iinfo(np.int32).max // 8:
         raise MeshError(
             f"the mesh has {n_vertices} vertices; 32-bit indices allow {np.iinfo(np.int32).max // 8}"
         )
 
-    outside = np.flatnonzero(((array < 0) | (array >= n_vertices)).any(axis=1))
+    outside = _defects.out_of_range(array, n_vertices)
     if outside.size:
         corner = array[outside[0]].tolist()
         raise MeshError(
             f"{name_first('face', outside)}: vertex index out of range 0…{n_vertices - 1} "
             f"(face {outside[0]} is {corner}); indices count from 0"
         )
-    a, b, c = array.T
-    repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
+    repeated = _defects.with_repeated_corner(array)
     if repeated.size:
         raise MeshError(
             f"degenerate {name_first('face', repeated)}: a vertex appears twice "
             f"(face {repeated[0]} is {array[repeated[0]].tolist()}); remove such faces"
         )
-    unused = np.flatnonzero(np.bincount(array.ravel(), minlength=n_vertices) == 0)
+    unused = _defects.unreferenced(array, n_vertices)
     if unused.size:
         raise MeshError(f"unreferenced {name_first('vertex', unused)}: no face uses it; remove such vertices")
     return array.astype(np.int32)
 
 
-def check_edges_manifold(
-    faces: Int[np.ndarray, "F 3"], halfedge_edges: Int[np.ndarray, " H"], edges: Int[np.ndarray, "E 2"]
-) -> None:
+def check_edges_manifold(gluing: _defects.Gluing) -> None:
     """Every edge has one face, or two that traverse it in opposite directions.
 
     Raises:
         MeshError: an edge with more than two faces; faces that cannot be oriented consistently (Möbius, Klein) or are not.
     """
-    uses = np.bincount(halfedge_edges, minlength=len(edges))
-    crowded = np.flatnonzero(uses > 2)
+    crowded, clashing = gluing.crowded, gluing.clashing
     if crowded.size:
-        i, j = edges[crowded[0]]
-        around = np.flatnonzero(halfedge_edges == crowded[0]) // 3
+        i, j = gluing.edges[crowded[0]]
+        around = gluing.faces_on(crowded[0])
         raise MeshError(
             f"non-manifold edge: {len(around)} faces ({', '.join(map(str, around[:_MOST_NAMED]))}) share the edge "
             f"between vertices {i} and {j}; {crowded.size} such edge(s) in all; every edge may have at most two faces"
         )
-    tails = faces.ravel()
-    forward = tails == edges[halfedge_edges, 0]
-    clashing = np.flatnonzero(
-        (uses == 2) & (np.bincount(halfedge_edges, weights=forward, minlength=len(edges)) != 1)
-    )
     if not clashing.size:
         return
-    i, j = edges[clashing[0]]
-    pair = np.flatnonzero(halfedge_edges == clashing[0]) // 3
+    i, j = gluing.edges[clashing[0]]
+    pair = gluing.faces_on(clashing[0])
     where = (
         f"faces {pair[0]} and {pair[1]} traverse the edge between vertices {i} and {j} in the same direction"
     )
-    if _is_orientable(len(faces), halfedge_edges, forward, uses == 2):
+    _, one_sided = gluing.flips()
+    if one_sided.any():
         raise MeshError(
-            f"inconsistently oriented faces: {where} ({clashing.size} such edge(s)); flip faces until neighbours agree"
+            f"non-orientable surface: {where}, and no flipping of faces mends it (a Möbius strip or Klein bottle)"
         )
     raise MeshError(
-        f"non-orientable surface: {where}, and no flipping of faces mends it (a Möbius strip or Klein bottle)"
+        f"inconsistently oriented faces: {where} ({clashing.size} such edge(s)); flip faces until neighbours agree"
     )
 
 
-def _is_orientable(
-    n_faces: int, halfedge_edges: Int[np.ndarray, " H"], forward: np.ndarray, inner: np.ndarray
-) -> bool:
-    """Whether the two sides of every face stay apart in the orientation double cover."""
-    order = np.argsort(halfedge_edges, kind="stable")
-    order = order[inner[halfedge_edges[order]]].reshape(-1, 2)
-    left, right = order.T // 3
-    same = forward[order[:, 0]] != forward[order[:, 1]]
-    sides = [
-        (left, np.where(same, right, right + n_faces)),
-        (left + n_faces, np.where(same, right + n_faces, right)),
-    ]
-    rows, columns = (np.concatenate(part) for part in zip(*sides, strict=True))
-    cover = coo_array((np.ones(len(rows)), (rows, columns)), shape=(2 * n_faces, 2 * n_faces))
-    _, label = connected_components(cover, directed=False)
-    return bool((label[:n_faces] != label[n_faces:]).all())
-
-
-def checked_vertices(vertices: object) -> np.ndarray:
-    """`vertices` as a floating `[V, 3]` array of finite positions.
+def vertex_array(vertices: object) -> np.ndarray:
+    """`vertices` as a floating array `[V, 3]` of at least one position, integers as float64.
 
     Raises:
-        MeshError: another shape or dtype, no vertices, or a NaN or infinite coordinate.
+        MeshError: another shape or dtype, or no vertices.
     """
     array = np.asarray(vertices)
     if array.ndim != 2 or array.shape[1] != 3:
@@ -135,7 +118,17 @@ def checked_vertices(vertices: object) -> np.ndarray:
         array = array.astype(np.float64)
     if not np.issubdtype(array.dtype, np.floating):
         raise MeshError(f"vertices must have a floating dtype, got {array.dtype}")
-    bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+    return array
+
+
+def checked_vertices(vertices: object) -> np.ndarray:
+    """`vertices` as a floating `[V, 3]` array of finite positions.
+
+    Raises:
+        MeshError: another shape or dtype, no vertices, or a NaN or infinite coordinate.
+    """
+    array = vertex_array(vertices)
+    bad = _defects.not_finite(array)
     if bad.size:
         raise MeshError(
             f"{name_first('vertex', bad)}: position is not finite (vertex {bad[0]} is {array[bad[0]].tolist()})"
@@ -149,15 +142,11 @@ def check_areas_positive(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarr
     Raises:
         MeshError: a triangle whose height is lost in the rounding of its positions (at the dtype of `vertices`).
     """
-    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
-    with np.errstate(over="ignore", under="ignore"):
-        scale = np.abs(np.stack([b - a, c - b, a - c])).max()
-        if not (np.isfinite(scale) and scale > 0):
-            raise MeshError("all vertices coincide, or lie too far apart for their dtype")
-        u, v, w = (b - a) / scale, (c - b) / scale, (a - c) / scale
-        longest = np.sqrt(np.maximum.reduce([(u * u).sum(1), (v * v).sum(1), (w * w).sum(1)]))
-        twice_area = np.linalg.norm(np.cross(u, -w), axis=1)
-    flat = np.flatnonzero(~(twice_area > 8 * np.finfo(vertices.dtype).eps * longest * longest))
+    flat = _defects.flat_faces(vertices, faces)
+    with np.errstate(over="ignore"):
+        extent = np.ptp(vertices[faces.ravel()], axis=0).max()
+    if not 0 < extent < np.inf:
+        raise MeshError("all vertices coincide, or lie too far apart for their dtype")
     if flat.size:
         raise MeshError(
             f"degenerate {name_first('face', flat)}: zero area (face {flat[0]} has corners "

@@ -15,13 +15,14 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 
 from ...files import write_whole
-from .._errors import MeshError
+from .._errors import MeshError, check_fits
 from ._obj import decode_obj, encode_obj
 from ._off import decode_off, encode_off
 from ._ply import decode_ply, encode_ply
 from ._stl import decode_stl, encode_stl
 
 _DECODERS = {".obj": decode_obj, ".ply": decode_ply, ".off": decode_off, ".stl": decode_stl}
+_READING_TAKES = 20  # bytes of memory for each byte of a file: text of short lines is the worst case
 _ENCODERS = {".obj": encode_obj, ".ply": encode_ply, ".off": encode_off, ".stl": encode_stl}
 
 
@@ -42,16 +43,30 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Float[np.ndarray, "V 3"], I
         MeshError: unknown ending, or content that is damaged or no triangle mesh; the message names the path
             and what is wrong. Whether the triangles form an oriented manifold is not looked at.
     """
+    vertices, faces = read_raw(path)
+    try:
+        _check_arrays(vertices, faces)
+    except MeshError as error:
+        raise MeshError(f"{path}: {error}") from None
+    return vertices, faces.astype(np.int32)
+
+
+def read_raw(path: str | os.PathLike[str]) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+    """What stands in a mesh file, whether or not corners are in range, positions finite, or anything is there at all.
+
+    Raises:
+        OSError: the file cannot be read.
+        MeshError: unknown ending, or content that is damaged or no triangle mesh.
+    """
     file = Path(path)
     decode = _DECODERS.get(file.suffix.lower())
     if decode is None:
         raise MeshError(f"{file}: {_unknown_ending(file)}")
+    check_fits(_READING_TAKES * file.stat().st_size, f"reading {file}")
     try:
-        vertices, faces = decode(file.read_bytes())
-        _check_arrays(vertices, faces)
+        return decode(file.read_bytes())
     except MeshError as error:
         raise MeshError(f"{file}: {error}") from None
-    return vertices, faces.astype(np.int32)
 
 
 def write_mesh(
