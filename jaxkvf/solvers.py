@@ -2,6 +2,7 @@
 
 import weakref
 
+import equinox as eqx
 import jax
 from jax.core import Tracer
 from jaxtyping import Array, Float
@@ -9,38 +10,54 @@ from jaxtyping import Array, Float
 from .eigen import (
     LOBPCG,
     AbstractEigensolver,
+    AbstractPreconditioner,
+    AuxiliarySpace,
     Coarsening,
     DenseEigh,
+    GeneralizedEigenproblem,
     Multigrid,
     ScipyEigsh,
     WithFallback,
     cholmod_is_installed,
 )
 from .geometry import edge_lengths
-from .killing import AbstractDiscretization, Regge, vector_hierarchy
+from .killing import AbstractDiscretization, Dec, Regge, discretization_named, vector_hierarchy
 from .mesh import Topology, TriangleMesh
+from .sparse import RowSparseOperator, assembled
 
 _DENSE_BELOW = 400  # unknowns
 _MULTIGRID_FROM = {
-    "SuperLU": 60_000,
-    "CHOLMOD": 200_000,
-}  # vertices: from here it pays even for a first call that compiles
+    "SuperLU": 100_000,
+    "CHOLMOD": 400_000,
+}  # vertices: where a first call, compilation included, is faster
 _MANY = 40  # eigenpairs: the dense algebra of a block this wide outgrows a factorization's solves
 
 
-def multigrid_solver(mesh: TriangleMesh, *, rtol: float = 1e-8, max_steps: int = 200) -> AbstractEigensolver:
-    """LOBPCG with a multigrid preconditioner for this mesh's connectivity, for discretization `regge`.
+def multigrid_solver(
+    mesh: TriangleMesh,
+    *,
+    discretization: str | AbstractDiscretization = "regge",
+    rtol: float = 1e-8,
+    max_steps: int = 200,
+) -> AbstractEigensolver:
+    """LOBPCG with a multigrid preconditioner for this mesh's connectivity.
 
     The hierarchy is built on the host, once; the solver then serves the same connectivity at any positions, also inside
-    `jit` and in loops. Where it does not converge, `ScipyEigsh` solves.
+    `jit` and in loops. For `dec`, which is preconditioned through `regge`, it serves shapes close to this one, as its
+    preconditioner is that of this shape. Where it does not converge, `ScipyEigsh` solves.
 
     Args:
         mesh: reference shape, concrete.
+        discretization: `"regge"` or `"dec"`.
         rtol: residual to reach, relative to ‖A‖; eigenvalues are accurate to its square.
         max_steps: of LOBPCG.
+
+    Raises:
+        ValueError: unknown discretization, or one with no multigrid.
     """
     lengths = edge_lengths(mesh.vertices, mesh.topology)
-    return WithFallback(_multigrid(lengths, mesh.topology, rtol, max_steps), ScipyEigsh())
+    preconditioner = _preconditioner(lengths, mesh.topology, discretization_named(discretization))
+    return WithFallback(LOBPCG(rtol=rtol, max_steps=max_steps, preconditioner=preconditioner), ScipyEigsh())
 
 
 def chosen_solver(
@@ -52,8 +69,8 @@ def chosen_solver(
         return DenseEigh(), f"DenseEigh: {n_vertices} vertices are few"
     factorization = "CHOLMOD" if cholmod_is_installed() else "SuperLU"
     shift_invert = f"ScipyEigsh with {factorization}"
-    if not isinstance(discretization, Regge):
-        return ScipyEigsh(), f"{shift_invert}: the multigrid hierarchy is for `regge`"
+    if not isinstance(discretization, Regge | Dec):
+        return ScipyEigsh(), f"{shift_invert}: no multigrid for {type(discretization).__name__}"
     if isinstance(lengths, Tracer) or isinstance(topology.edges, Tracer):
         return (
             ScipyEigsh(),
@@ -66,13 +83,33 @@ def chosen_solver(
     if backend == "cpu" and n_vertices < least:
         return ScipyEigsh(), f"{shift_invert}: fewer than {least:,} vertices on a CPU"
     where = f"at least {least:,} vertices" if backend == "cpu" else f"a {backend} is there"
-    return WithFallback(
-        _multigrid(lengths, topology, 1e-8, 200), ScipyEigsh()
-    ), f"LOBPCG with multigrid: {where}"
+    preconditioner = _preconditioner(lengths, topology, discretization)
+    lobpcg = LOBPCG(max_steps=200, preconditioner=preconditioner)
+    return WithFallback(lobpcg, ScipyEigsh()), f"LOBPCG with multigrid: {where}"
 
 
-def _multigrid(lengths: Float[Array, " E"], topology: Topology, rtol: float, max_steps: int) -> LOBPCG:
-    return LOBPCG(rtol=rtol, max_steps=max_steps, preconditioner=Multigrid(_hierarchy(lengths, topology)))
+def _preconditioner(
+    lengths: Float[Array, " E"], topology: Topology, discretization: AbstractDiscretization
+) -> AbstractPreconditioner:
+    multigrid = Multigrid(_hierarchy(lengths, topology))
+    match discretization:
+        case Regge():
+            return multigrid
+        case Dec():
+            related, transfer = _vector_problem(lengths, topology, discretization)
+            return AuxiliarySpace(related, transfer, multigrid)
+        case _:
+            raise ValueError(f"no multigrid for {type(discretization).__name__}: use `ScipyEigsh`")
+
+
+@eqx.filter_jit
+def _vector_problem(
+    lengths: Float[Array, " E"], topology: Topology, discretization: Dec
+) -> tuple[GeneralizedEigenproblem, RowSparseOperator]:
+    """The problem in vertex vectors, and the operator that makes them one-forms."""
+    problem = Regge().eigenproblem(lengths, topology)
+    problem = GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
+    return problem, discretization.vertex_vector_operator(lengths, topology)
 
 
 _hierarchies: dict[int, tuple[Coarsening, ...]] = {}

@@ -30,8 +30,8 @@ class RowSparseOperator(lx.AbstractLinearOperator):
         empty = jnp.zeros((self.columns.shape[0], self.n_columns), self.values.dtype)
         return empty.at[rows, self.columns].add(self.values)
 
-    def transpose(self) -> "_TransposedRowSparseOperator":
-        return _TransposedRowSparseOperator(self)
+    def transpose(self) -> "TransposedRowSparseOperator":
+        return TransposedRowSparseOperator(self)
 
     def in_structure(self) -> jax.ShapeDtypeStruct:
         return jax.ShapeDtypeStruct((self.n_columns,), self.values.dtype)
@@ -40,7 +40,7 @@ class RowSparseOperator(lx.AbstractLinearOperator):
         return jax.ShapeDtypeStruct(self.columns.shape[:1], self.values.dtype)
 
 
-class _TransposedRowSparseOperator(lx.AbstractLinearOperator):
+class TransposedRowSparseOperator(lx.AbstractLinearOperator):
     """The transpose of a `RowSparseOperator`: a gather becomes a scatter."""
 
     of: RowSparseOperator
@@ -118,7 +118,7 @@ def declare_leaf(kind: type[lx.AbstractLinearOperator], *, positive_semidefinite
 
 
 declare_leaf(RowSparseOperator, positive_semidefinite=False)
-declare_leaf(_TransposedRowSparseOperator, positive_semidefinite=False)
+declare_leaf(TransposedRowSparseOperator, positive_semidefinite=False)
 declare_leaf(SymmetricBlockOperator, positive_semidefinite=True)
 
 
@@ -155,6 +155,26 @@ def _(operator: lx.ComposedLinearOperator, block: Float[Array, "n k"]) -> Float[
 
 
 @matmat.register
+def _(operator: RowSparseOperator, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    terms = (
+        operator.values[:, s, None] * block[operator.columns[:, s]] for s in range(operator.values.shape[1])
+    )
+    return functools.reduce(jnp.add, terms)
+
+
+@matmat.register
+def _(operator: TransposedRowSparseOperator, block: Float[Array, "m k"]) -> Float[Array, "n k"]:
+    spread = operator.of.values[:, :, None] * block[:, None, :]
+    columns = operator.of.columns.ravel()
+    return jax.ops.segment_sum(spread.reshape(len(columns), -1), columns, num_segments=operator.of.n_columns)
+
+
+@matmat.register
+def _(operator: lx.DiagonalLinearOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    return operator.diagonal[:, None] * block
+
+
+@matmat.register
 def _(operator: SymmetricBlockOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
     n, b, _ = operator.diagonal.shape
     x = block.reshape(n, b, -1)
@@ -187,7 +207,7 @@ def _(operator: RowSparseOperator) -> sp.csr_array:
 
 
 @to_scipy.register
-def _(operator: _TransposedRowSparseOperator) -> sp.csr_array:
+def _(operator: TransposedRowSparseOperator) -> sp.csr_array:
     return sp.csr_array(to_scipy(operator.of).T)
 
 

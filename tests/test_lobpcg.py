@@ -25,6 +25,7 @@ from jaxkvf.eigen import (
     ScipyEigsh,
     eigsolve,
 )
+from jaxkvf.eigen._diagonal import cheap_diagonal
 from jaxkvf.eigen._ell import EllProduct, block_product
 from jaxkvf.eigen._residual import spectral_norm
 from jaxkvf.killing import Dec, Regge
@@ -456,6 +457,7 @@ def test_products_of_composed_operators():
     products = jax.jit(lambda p, x: [block_product(M)(x) for M in (p.A, p.B)])(problem, x)
     for operator, product in zip((problem.A, problem.B), products, strict=True):
         np.testing.assert_allclose(product, to_scipy(operator) @ np.asarray(x), atol=1e-10)
+        np.testing.assert_allclose(cheap_diagonal(operator), to_scipy(operator).diagonal(), rtol=1e-12)
 
 
 # Preconditioners

@@ -9,8 +9,8 @@ import pytest
 import jaxkvf
 from jaxkvf import geometry as g
 from jaxkvf import shapes
-from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, Multigrid, ScipyEigsh, eigsolve
-from jaxkvf.killing import Regge, vector_hierarchy
+from jaxkvf.eigen import LOBPCG, AuxiliarySpace, GeneralizedEigenproblem, Multigrid, ScipyEigsh, eigsolve
+from jaxkvf.killing import Dec, Regge, vector_hierarchy
 from jaxkvf.sparse import assembled
 
 pytestmark = pytest.mark.slow
@@ -46,7 +46,7 @@ def cycle(multigrid, problem, block):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_the_cycle_is_symmetric_positive_definite(name):
-    problem, multigrid = problem_and_multigrid(MESHES[name]())
+    problem, multigrid = problem_and_multigrid(MESHES[name](), dtype=None)
     assert len(multigrid.hierarchy) >= 1
     x = np.random.default_rng(0).standard_normal((problem.size, 8))
     gram = x.T @ np.asarray(cycle(multigrid, problem, jnp.asarray(x)))
@@ -91,6 +91,31 @@ def test_the_default_solver_of_a_mesh():
     np.testing.assert_allclose(fields.eigenvalues, jaxkvf.killing_eigenvalues(mesh, 3), rtol=1e-9)
     assert not bool(fields.stats["fell_back"]) and fields.stats["solver"] == "the caller's"
     assert "fewer than" in jaxkvf.killing_fields(mesh, 3).stats["solver"]
+
+
+@pytest.mark.parametrize("name", ["closed", "two components"])
+def test_dec_through_the_vectors(name):
+    mesh = MESHES[name]()
+    solver = jaxkvf.multigrid_solver(mesh, discretization="dec")
+    fields = jaxkvf.killing_fields(mesh, 6, discretization="dec", solver=solver)
+    assert not bool(fields.stats["fell_back"]) and int(fields.stats["steps"]) <= 12
+    reference = jaxkvf.killing_eigenvalues(mesh, 6, discretization="dec", solver=ScipyEigsh())
+    np.testing.assert_allclose(fields.eigenvalues, reference, rtol=1e-9, atol=1e-9)
+
+
+def test_the_auxiliary_cycle_is_symmetric_positive_definite():
+    mesh = MESHES["thin triangles"]()
+    lengths = g.edge_lengths(mesh.vertices, mesh.topology)
+    related, multigrid = problem_and_multigrid(mesh, dtype=None)
+    transfer = Dec().vertex_vector_operator(lengths, mesh.topology)
+    auxiliary = AuxiliarySpace(related, transfer, multigrid)
+    problem = Dec().eigenproblem(lengths, mesh.topology)
+    x = np.random.default_rng(0).standard_normal((problem.size, 8))
+    gram = x.T @ np.asarray(cycle(auxiliary, problem, jnp.asarray(x)))
+    np.testing.assert_allclose(gram, gram.T, atol=1e-10 * np.abs(gram).max())
+    assert np.linalg.eigvalsh(gram)[0] > 0
+    with pytest.raises(ValueError, match="the transfer leads to 2094 unknowns, the problem has 1400"):
+        auxiliary.prepare(related)
 
 
 def test_it_is_deterministic():

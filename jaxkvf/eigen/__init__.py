@@ -1,5 +1,6 @@
 """Smallest eigenpairs of generalized symmetric problems, and their derivatives. Knows nothing of meshes."""
 
+from ._auxiliary_space import AuxiliarySpace as AuxiliarySpace
 from ._coarsening import Coarsening as Coarsening
 from ._coarsening import Interpolation as Interpolation
 from ._dense import DenseEigh as DenseEigh

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..sparse import SymmetricBlockOperator
-from ._layouts import Pattern, ProductLayout, RowLayout, times
+from ._blocks import times
+from ._layouts import Pattern, ProductLayout, RowLayout
 
 
 class Interpolation(eqx.Module):

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float, Int
 
-from ..sparse import SymmetricBlockOperator, assembled, matmat
+from ..sparse import SymmetricBlockOperator, TransposedRowSparseOperator, assembled, matmat
 
 BlockProduct = Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
 
@@ -21,19 +21,19 @@ _CHUNK = 1024  # overflowing blocks multiplied at once
 
 
 class EllProduct(eqx.Module):
-    """X ↦ M X for a symmetric matrix of b × b blocks in ELLPACK layout."""
+    """X ↦ M X for a matrix of b × b blocks in ELLPACK layout."""
 
     entries: Float[Array, "width b nb"]
     """Entry [s, c, b i + a] is that of row a in row block i and column c of the block in its slot s; 0 in empty slots."""
     neighbours: Int[Array, "width n"]
-    """Column block of each slot; the first slot is the diagonal."""
+    """Column block of each slot."""
     overflow_blocks: Float[Array, "rest b b"]
     """Blocks that found no slot, in front; zeros behind."""
     overflow_places: Int[Array, "rest 2"]
     """Row block and column block of each."""
     n_overflow: Int[Array, ""]
 
-    def __call__(self, block: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
+    def __call__(self, block: Float[Array, "mb k"]) -> Float[Array, "nb k"]:
         width, b, _ = self.entries.shape
 
         def gathered(slot: int, c: int) -> Float[Array, "nb k"]:
@@ -57,7 +57,7 @@ class EllProduct(eqx.Module):
 
 @functools.singledispatch
 def block_product(operator: lx.AbstractLinearOperator) -> BlockProduct:
-    """X ↦ M X for blocks X `[n, k]` of any k, prepared for many products; M symmetric. Runs under `jit`."""
+    """X ↦ M X for blocks X `[n, k]` of any k, prepared for many products. Runs under `jit`."""
     matrix = assembled(operator)
     return eqx.Partial(matmat, operator) if matrix is operator else block_product(matrix)
 
@@ -68,35 +68,91 @@ def _(operator: lx.TaggedLinearOperator) -> BlockProduct:
 
 
 @block_product.register
+def _(operator: lx.AddLinearOperator) -> BlockProduct:
+    return eqx.Partial(_sum, block_product(operator.operator1), block_product(operator.operator2))
+
+
+@block_product.register
+def _(operator: lx.ComposedLinearOperator) -> BlockProduct:
+    return eqx.Partial(_composition, block_product(operator.operator1), block_product(operator.operator2))
+
+
+@block_product.register
+def _(operator: lx.MulLinearOperator) -> BlockProduct:
+    return eqx.Partial(_multiple, operator.scalar, block_product(operator.operator))
+
+
+def _sum(first: BlockProduct, second: BlockProduct, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return first(block) + second(block)
+
+
+def _composition(outer: BlockProduct, inner: BlockProduct, block: Float[Array, "n k"]) -> Float[Array, "m k"]:
+    return outer(inner(block))
+
+
+def _multiple(
+    scalar: float | Array, product: BlockProduct, block: Float[Array, "n k"]
+) -> Float[Array, "m k"]:
+    return product(block) * scalar
+
+
+@block_product.register
+def _(operator: TransposedRowSparseOperator) -> BlockProduct:
+    M = operator.of
+    m, width = M.columns.shape
+    slots, rest, n_overflow = _slots(M.columns.ravel(), M.n_columns, None)
+    values = jnp.append(M.values.ravel(), 0)
+    places = jnp.stack([jnp.append(M.columns.ravel(), 0)[rest], rest // width % m], axis=1)
+    return EllProduct(
+        entries=values[slots][:, None],
+        neighbours=slots // width % m,
+        overflow_blocks=values[rest][:, None, None],
+        overflow_places=places,
+        n_overflow=n_overflow,
+    )
+
+
+@block_product.register
 def _(operator: SymmetricBlockOperator) -> BlockProduct:
     n, b, _ = operator.diagonal.shape
-    m = operator.upper.shape[0]
     # Each edge is seen from its tail and from its head; the view numbered 2m is the empty one.
     rows = operator.edges.T.reshape(-1)
     columns = jnp.append(operator.edges[:, ::-1].T.reshape(-1), 0)
     blocks = jnp.concatenate([operator.upper, operator.upper.mT, jnp.zeros((1, b, b), operator.upper.dtype)])
-
-    views = jnp.argsort(rows).astype(rows.dtype) if operator.row_order is None else operator.row_order
-    degrees = jnp.zeros(n, views.dtype).at[rows].add(1)
-    ends = jnp.cumsum(degrees)
-    starts = ends - degrees
-
-    # A fifth above the mean degree 2m/n: a block that finds no slot costs as much as seven slots.
-    width = 12 * m // (5 * n)
-    position = starts[None] + jnp.arange(width, dtype=starts.dtype)[:, None]
-    view = jnp.append(views, 2 * m)[jnp.where(position < ends[None], position, 2 * m)]
-
-    slot = jnp.arange(2 * m, dtype=starts.dtype) - starts[rows[views]]
-    left_over = slot >= width
-    place = jnp.where(left_over, jnp.cumsum(left_over) - 1, 2 * m)
-    capacity = max(1, -(-2 * m // _CHUNK)) * _CHUNK
-    rest = jnp.full(capacity, 2 * m, views.dtype).at[place].set(views, mode="drop")
-
+    view, rest, n_overflow = _slots(rows, n, operator.row_order)
     entries = jnp.concatenate([operator.diagonal[None], blocks[view]])
     return EllProduct(
-        entries=entries.transpose(0, 3, 1, 2).reshape(width + 1, b, n * b),
+        entries=entries.transpose(0, 3, 1, 2).reshape(len(entries), b, n * b),
         neighbours=jnp.concatenate([jnp.arange(n, dtype=columns.dtype)[None], columns[view]]),
         overflow_blocks=blocks[rest],
         overflow_places=jnp.stack([jnp.append(rows, 0)[rest], columns[rest]], axis=1),
-        n_overflow=left_over.sum(dtype=jnp.int32),
+        n_overflow=n_overflow,
     )
+
+
+def _slots(
+    rows: Int[Array, " terms"], n: int, order: Int[Array, " terms"] | None
+) -> tuple[Int[Array, "width n"], Int[Array, " rest"], Int[Array, ""]]:
+    """The terms of each row in slots, those that found none, and how many these are; one past the last stands for none.
+
+    Args:
+        rows: of each term.
+        n: number of rows.
+        order: the terms sorted by row, where that is known.
+    """
+    none = len(rows)
+    terms = jnp.argsort(rows).astype(rows.dtype) if order is None else order
+    lengths = jnp.zeros(n, terms.dtype).at[rows].add(1)
+    ends = jnp.cumsum(lengths)
+    starts = ends - lengths
+
+    # A fifth above the mean length: a term that finds no slot costs as much as seven slots.
+    width = max(1, 6 * none // (5 * n))
+    position = starts[None] + jnp.arange(width, dtype=starts.dtype)[:, None]
+    slots = jnp.append(terms, none)[jnp.where(position < ends[None], position, none)]
+
+    left_over = jnp.arange(none, dtype=starts.dtype) - starts[rows[terms]] >= width
+    place = jnp.where(left_over, jnp.cumsum(left_over) - 1, none)
+    capacity = max(1, -(-none // _CHUNK)) * _CHUNK
+    rest = jnp.full(capacity, none, terms.dtype).at[place].set(terms, mode="drop")
+    return slots, rest, left_over.sum(dtype=jnp.int32)

@@ -1,14 +1,12 @@
 """Preconditioners that need no hierarchy: block Jacobi, and Chebyshev polynomials over it."""
 
-import functools
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import lineax as lx
 from jaxtyping import Array, Float
 
-from ..sparse import SymmetricBlockOperator, assembled
+from ._blocks import apply_blocks, inverse_factors
+from ._diagonal import known_diagonal_blocks
 from ._ell import BlockProduct, block_product
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
@@ -26,7 +24,7 @@ class BlockJacobi(AbstractPreconditioner):
         Raises:
             ValueError: the diagonal of A is not to be had without forming all of A.
         """
-        factors = _inverse_factors(_known_diagonal_blocks(problem.A))
+        factors = inverse_factors(known_diagonal_blocks(problem.A))
         return _BlockDiagonal(jnp.einsum("nca,ncb->nab", factors, factors))
 
 
@@ -49,10 +47,10 @@ class Chebyshev(AbstractPreconditioner):
         Raises:
             ValueError: the diagonal of A is not to be had without forming all of A.
         """
-        factors = _inverse_factors(_known_diagonal_blocks(problem.A))
+        factors = inverse_factors(known_diagonal_blocks(problem.A))
         A = block_product(problem.A)
         largest = spectral_norm(
-            lambda x: _apply_blocks(factors, A(_apply_blocks(factors.mT, x))), problem.size, problem.dtype
+            lambda x: apply_blocks(factors, A(apply_blocks(factors.mT, x))), problem.size, problem.dtype
         )
         jacobi = _BlockDiagonal(jnp.einsum("nca,ncb->nab", factors, factors))
         return _ChebyshevPolynomial(A, jacobi, _MARGIN * largest, self.degree)
@@ -62,7 +60,7 @@ class _BlockDiagonal(AbstractApproximateInverse):
     blocks: Float[Array, "n b b"]
 
     def apply(self, block: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-        return _apply_blocks(self.blocks, block)
+        return apply_blocks(self.blocks, block)
 
     def starting_vectors(self, count: int) -> None:
         return None
@@ -93,87 +91,3 @@ class _ChebyshevPolynomial(AbstractApproximateInverse):
 
     def starting_vectors(self, count: int) -> None:
         return None
-
-
-def _apply_blocks(blocks: Float[Array, "n b b"], block: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-    n, b, _ = blocks.shape
-    x = block.reshape(n, b, -1)
-    columns = (blocks[:, :, c, None] * x[:, None, c, :] for c in range(b))
-    return functools.reduce(jnp.add, columns).reshape(block.shape)
-
-
-def _inverse_factors(blocks: Float[Array, "n b b"]) -> Float[Array, "n b b"]:
-    """G = |D|^(−½) L⁻¹ for blocks L D Lᵀ: GᵀG is the inverse of a positive definite block, and definite for any other.
-
-    Pivots of no size at all are replaced by the mean diagonal entry.
-    """
-    b = blocks.shape[1]
-    diagonal = jnp.abs(blocks.diagonal(axis1=1, axis2=2))
-    mean = jnp.where(diagonal.mean() > 0, diagonal.mean(), 1)
-    least = jnp.finfo(blocks.dtype).eps * jnp.where(diagonal.max(axis=1) > 0, diagonal.max(axis=1), jnp.inf)
-    rest = blocks
-    inverse = jnp.broadcast_to(jnp.eye(b, dtype=blocks.dtype), blocks.shape)
-    pivots = []
-    for j in range(b):
-        pivot = rest[:, j, j]
-        usable = jnp.abs(pivot) > least
-        pivot = jnp.where(usable, pivot, mean)
-        below = jnp.where(usable[:, None] & (jnp.arange(b) > j)[None, :], rest[:, :, j] / pivot[:, None], 0)
-        rest = rest - below[:, :, None] * rest[:, None, j, :]
-        inverse = inverse - below[:, :, None] * inverse[:, None, j, :]
-        pivots.append(jnp.abs(pivot))
-    return inverse * jax.lax.rsqrt(jnp.stack(pivots, axis=1))[:, :, None]
-
-
-def _known_diagonal_blocks(operator: lx.AbstractLinearOperator) -> Float[Array, "n b b"]:
-    blocks = _diagonal_blocks(assembled(operator))
-    if blocks is None:
-        raise ValueError(
-            f"Jacobi preconditioners need the diagonal of A, which {type(operator).__name__} does not tell: "
-            "use `SymmetricBlockOperator`, or `lineax.materialise` it"
-        )
-    return blocks
-
-
-def cheap_diagonal(operator: lx.AbstractLinearOperator) -> Float[Array, " n"] | None:
-    """The diagonal, where it is to be had without forming the matrix."""
-    blocks = _diagonal_blocks(operator)
-    return None if blocks is None else blocks.diagonal(axis1=1, axis2=2).ravel()
-
-
-@functools.singledispatch
-def _diagonal_blocks(operator: lx.AbstractLinearOperator) -> Float[Array, "n b b"] | None:
-    return None
-
-
-@_diagonal_blocks.register
-def _(operator: SymmetricBlockOperator) -> Float[Array, "n b b"]:
-    return operator.diagonal
-
-
-@_diagonal_blocks.register(lx.DiagonalLinearOperator)
-@_diagonal_blocks.register(lx.MatrixLinearOperator)
-@_diagonal_blocks.register(lx.IdentityLinearOperator)
-def _(operator: lx.AbstractLinearOperator) -> Float[Array, "n 1 1"]:
-    return lx.diagonal(operator)[:, None, None]
-
-
-@_diagonal_blocks.register
-def _(operator: lx.TaggedLinearOperator) -> Float[Array, "n b b"] | None:
-    return _diagonal_blocks(operator.operator)
-
-
-@_diagonal_blocks.register
-def _(operator: lx.MulLinearOperator) -> Float[Array, "n b b"] | None:
-    blocks = _diagonal_blocks(operator.operator)
-    return None if blocks is None else blocks * operator.scalar
-
-
-@_diagonal_blocks.register
-def _(operator: lx.AddLinearOperator) -> Float[Array, "n b b"] | None:
-    blocks, others = (_diagonal_blocks(term) for term in (operator.operator1, operator.operator2))
-    if blocks is None or others is None:
-        return None
-    if blocks.shape != others.shape:
-        blocks, others = (part.diagonal(axis1=1, axis2=2).reshape(-1, 1, 1) for part in (blocks, others))
-    return blocks + others

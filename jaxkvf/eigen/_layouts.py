@@ -20,7 +20,8 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
-_T, _U = TypeVar("_T"), TypeVar("_U")
+_T = TypeVar("_T")
+_U = TypeVar("_U")
 
 _MOST_CLASSES = 3  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
@@ -180,12 +181,6 @@ class ProductLayout(eqx.Module):
             parts.append(jax.lax.scan(add, empty, (left, right))[0])
         product = jnp.concatenate(parts)
         return (product if self.places is None else product[self.places]).reshape(-1, a, c)
-
-
-def times(L: Float[Array, "... a b"], R: Float[Array, "... b c"]) -> Float[Array, "... a c"]:
-    """The product of each two blocks, written out: XLA makes one loop of it, but a call a block of a batched product."""
-    terms = (L[..., :, b, None] * R[..., b, None, :] for b in range(L.shape[-1]))
-    return functools.reduce(jnp.add, terms)
 
 
 _NOTHING = int(np.iinfo(np.int32).max)

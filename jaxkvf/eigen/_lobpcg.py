@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, DTypeLike, Float, Int
 
+from ._diagonal import cheap_diagonal
 from ._ell import BlockProduct, block_product
-from ._jacobi import cheap_diagonal
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
 from ._residual import relative_residuals, spectral_norm

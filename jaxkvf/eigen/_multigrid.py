@@ -1,8 +1,7 @@
 """Multigrid: an approximate inverse whose quality does not depend on size.
 
-References: A. Brandt, Algebraic multigrid theory (1986); J. Lottes, Optimal polynomial smoothers for
-multigrid V-cycles (2023);
-U. Trottenberg, C. Oosterlee, A. Schüller, Multigrid (2001), §2.6 for nested iteration.
+References: A. Brandt, Algebraic multigrid theory (1986); U. Trottenberg, C. Oosterlee, A. Schüller, Multigrid (2001), §2.6
+for nested iteration.
 """
 
 import equinox as eqx
@@ -12,14 +11,13 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..sparse import SymmetricBlockOperator, assembled
+from ._blocks import apply_blocks, inverse_factors, times
 from ._coarsening import Coarsening
-from ._jacobi import _apply_blocks, _inverse_factors
-from ._layouts import RowProduct, times
+from ._layouts import RowProduct
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
-from ._residual import spectral_norm
+from ._smoothing import Smoother
 
-_MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
 _MORE_BELOW = 4  # smoothing steps on the coarser levels, where they cost little and spare LOBPCG steps
 
 
@@ -38,8 +36,8 @@ class Multigrid(AbstractPreconditioner):
     """From fine to coarse; empty for a direct solve. Of a mesh: `jaxkvf.killing.vector_hierarchy`."""
     degree: int = eqx.field(default=3, static=True)
     """Of the smoother: products with the operator before and after a coarse correction; four more on coarser levels."""
-    dtype: str | None = eqx.field(default=None, static=True)
-    """Precision inside, by default the problem's. `"float32"` serves LOBPCG in float64 as well, in half the memory."""
+    dtype: str | None = eqx.field(default="float32", static=True)
+    """Precision inside; None for the problem's. Single precision costs LOBPCG in float64 no steps, and half the memory."""
     nested_steps: int = eqx.field(default=2, static=True)
     """Improvements of the starting vectors on each level between the coarsest and the finest."""
 
@@ -124,16 +122,13 @@ class _Level(eqx.Module):
     """A level of the hierarchy, its unknowns x̂ = G⁻ᵀ x scaled so that the diagonal blocks of its operator are identities."""
 
     G: Float[Array, "n b b"]
-    K: RowProduct
-    """G K Gᵀ."""
+    smoother: Smoother
+    """Of G K Gᵀ."""
     P: RowProduct
     """G⁻ᵀ P: coarse unknowns, unscaled, to fine ones, scaled."""
     R: RowProduct
     """Its transpose."""
     masses: Float[Array, " n"]
-    largest: Float[Array, ""]
-    """Upper bound of the eigenvalues of K."""
-    degree: int = eqx.field(static=True)
 
     @classmethod
     def descend(
@@ -147,12 +142,11 @@ class _Level(eqx.Module):
         """The level of the operator K, and the operator, turns and masses of the next."""
         n, b, _ = K.diagonal.shape
         interpolation, dtype = coarsening.interpolation, K.diagonal.dtype
-        G = _inverse_factors(K.diagonal)
+        G = inverse_factors(K.diagonal)
         tail, head = K.edges.T
         upper = times(times(G[tail], K.upper), G.mT[head])
         identity = jnp.broadcast_to(jnp.eye(b, dtype=dtype), (n, b, b))
         blocks = jnp.concatenate([identity, upper, upper.mT])
-        product = coarsening.operator.fill(blocks)
 
         rotations, coarse_turns = interpolation.rotations(turns)
         to_scaled = times(G, K.diagonal)  # G⁻ᵀ
@@ -161,43 +155,13 @@ class _Level(eqx.Module):
         shares = interpolation.shares().astype(dtype).reshape(-1, 1, 1)
         level = cls(
             G=G,
-            K=product,
+            smoother=Smoother.prepare(coarsening.operator.fill(blocks), n * b, dtype, degree),
             P=coarsening.prolongation.fill(P),
             R=coarsening.restriction.fill(P.mT),
             masses=masses,
-            largest=_MARGIN * spectral_norm(product, n * b, dtype),
-            degree=degree,
         )
         coarse_masses = coarsening.restriction.fill(shares)(masses[:, None])[:, 0]
         return level, coarsening.coarse_operator(blocks, P), coarse_turns, coarse_masses
-
-    def presmoothed(self, b: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-        """An approximation of K⁻¹ b, a Chebyshev polynomial of the fourth kind in K times b."""
-        return self._iterated(b, jnp.zeros_like(b), 4 / 3 / self.largest * b, 2)
-
-    def postsmoothed(self, b: Float[Array, "nb k"], x: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-        """x and that approximation for its residual."""
-        return self._iterated(b, x, jnp.zeros_like(b), 1)
-
-    def _iterated(
-        self, b: Float[Array, "nb k"], x: Float[Array, "nb k"], d: Float[Array, "nb k"], first: int
-    ) -> Float[Array, "nb k"]:
-        """x after the last correction d and those from number `first` on.
-
-        They make the error's components in all of K's spectrum small, most so those on top.
-        """
-
-        def step(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
-            x, d = carry
-            i = i.astype(b.dtype)
-            # In this order neither x nor d is copied, and XLA computes the product once: everywhere that it is used.
-            x = x + d
-            return x, (2 * i - 3) / (2 * i + 1) * d + (8 * i - 4) / (2 * i + 1) / self.largest * (
-                b - self.K(x)
-            )
-
-        x, d = jax.lax.fori_loop(first, self.degree + 1, step, (x, d))
-        return x + d
 
 
 class _VCycle(AbstractApproximateInverse):
@@ -215,13 +179,13 @@ class _VCycle(AbstractApproximateInverse):
         if depth == len(self.levels):
             return self.direct.solve(r)
         level = self.levels[depth]
-        return _apply_blocks(level.G.mT, self._scaled_cycle(depth, _apply_blocks(level.G, r)))
+        return apply_blocks(level.G.mT, self._scaled_cycle(depth, apply_blocks(level.G, r)))
 
     def _scaled_cycle(self, depth: int, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
         level = self.levels[depth]
-        x = level.presmoothed(b)
-        x = x + level.P(self._cycle(depth + 1, level.R(b - level.K(x))))
-        return level.postsmoothed(b, x)
+        x = level.smoother.from_zero(b)
+        x = x + level.P(self._cycle(depth + 1, level.R(b - level.smoother.K(x))))
+        return level.smoother.from_guess(b, x)
 
     def starting_vectors(self, count: int) -> Float[Array, "n _"]:
         """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count`
@@ -232,7 +196,7 @@ class _VCycle(AbstractApproximateInverse):
             x = level.P(x)
             if depth > 0:
                 x = self._improved(depth, x)
-            x = _apply_blocks(level.G.mT, x)
+            x = apply_blocks(level.G.mT, x)
         return x
 
     def _improved(self, depth: int, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
@@ -241,15 +205,18 @@ class _VCycle(AbstractApproximateInverse):
         k = x.shape[1]
 
         def mass(x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-            y = _apply_blocks(level.G.mT, x)
+            y = apply_blocks(level.G.mT, x)
             y = (level.masses[:, None] * y.reshape(len(level.masses), -1)).reshape(y.shape)
-            return _apply_blocks(level.G, y)
+            return apply_blocks(level.G, y)
 
         def step(_: Array, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-            Kx, Mx = level.K(x), mass(x)
+            Kx, Mx = level.smoother.K(x), mass(x)
             values = (x * Kx).sum(axis=0) / (x * Mx).sum(axis=0)
             d = self._scaled_cycle(depth, Kx - values[None, :] * Mx)
-            basis, K_basis = jnp.concatenate([x, d], axis=1), jnp.concatenate([Kx, level.K(d)], axis=1)
+            basis, K_basis = (
+                jnp.concatenate([x, d], axis=1),
+                jnp.concatenate([Kx, level.smoother.K(d)], axis=1),
+            )
             return _ritz_vectors(basis, K_basis, mass(basis))[:, :k]
 
         return jax.lax.fori_loop(0, self.nested_steps, step, x)

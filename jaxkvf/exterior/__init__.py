@@ -3,6 +3,7 @@
 from ._musical import face_side_directions as face_side_directions
 from ._musical import flat as flat
 from ._musical import flat_faces as flat_faces
+from ._musical import flat_operator as flat_operator
 from ._musical import sharp as sharp
 from ._musical import sharp_faces as sharp_faces
 from ._operators import codifferential1 as codifferential1

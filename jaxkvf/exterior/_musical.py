@@ -19,13 +19,20 @@ from ..geometry import (
     unit_vectors,
 )
 from ..mesh import Topology
+from ..sparse import RowSparseOperator
 
 
 @jax.jit
 def flat(vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " E"]:
     """1-form of a vertex field: its line integral along each edge by the trapezoidal rule. Unit: vector × length."""
-    ends = vectors[topology.edges]
-    return 0.5 * lengths * (ends * edge_directions(lengths, topology)).sum(axis=(1, 2))
+    return flat_operator(lengths, topology).mv(vectors.ravel())
+
+
+def flat_operator(lengths: Float[Array, " E"], topology: Topology) -> RowSparseOperator:
+    """`flat` as an operator: component c of the vector at vertex v is unknown number 2 v + c."""
+    columns = 2 * topology.edges[:, :, None] + jnp.arange(2, dtype=topology.edges.dtype)[None, None]
+    values = 0.5 * lengths[:, None, None] * edge_directions(lengths, topology)
+    return RowSparseOperator(columns.reshape(-1, 4), values.reshape(-1, 4), 2 * topology.n_vertices)
 
 
 @jax.jit

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
 from ..eigen import GeneralizedEigenproblem
-from ..exterior import curl_curl, flat, grad_div, hodge1, sharp
+from ..exterior import curl_curl, flat_operator, grad_div, hodge1, sharp
 from ..geometry import (
     IntrinsicDelaunay,
     angle_defects,
@@ -24,6 +24,7 @@ from ..geometry import (
     rotations,
 )
 from ..mesh import Topology
+from ..sparse import RowSparseOperator
 from ._discretization import AbstractDiscretization
 
 
@@ -75,9 +76,15 @@ class Dec(AbstractDiscretization):
     def from_vertex_vectors(
         self, vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
     ) -> Float[Array, " n"]:
+        return self.vertex_vector_operator(lengths, topology).mv(vectors.ravel())
+
+    def vertex_vector_operator(self, lengths: Float[Array, " E"], topology: Topology) -> RowSparseOperator:
+        """`from_vertex_vectors` as an operator: component c of the vector at vertex v is unknown number 2 v + c."""
         surface = self.triangulation(lengths, topology)
-        vectors = jnp.einsum("vji,vj->vi", rotations(surface.frame_rotations), vectors)
-        return flat(vectors, surface.lengths, surface.topology)
+        flat = flat_operator(surface.lengths, surface.topology)
+        turn = rotations(surface.frame_rotations)[surface.topology.edges]
+        turned = jnp.einsum("evji,evi->evj", turn, flat.values.reshape(-1, 2, 2))
+        return RowSparseOperator(flat.columns, turned.reshape(-1, 4), flat.n_columns)
 
     def energy(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
