@@ -1,4 +1,4 @@
-"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh` adds.
+"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh` and `cli_flow` add.
 
 Exit codes: 0 done, 1 could not (a message says why) or the mesh has errors, 2 wrong use.
 """
@@ -15,18 +15,20 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from .cli_flow import add_flow_commands
 from .cli_mesh import add_mesh_commands
 from .fields import KillingFields, killing_fields
-from .files import check_can_be_written, write_whole
+from .files import write_whole
 from .geometry import edge_lengths, mean_edge_length
 from .mesh import TriangleMesh, shapes
 from .symmetry import OUTCOMES, Step, symmetrize
+from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-_READABLE, _WRITABLE = ".obj, .ply, .off or .stl", (".obj", ".ply", ".off", ".stl")
+_WRITABLE = (".obj", ".ply", ".off", ".stl")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -59,11 +61,11 @@ def _parser() -> argparse.ArgumentParser:
     fields = commands.add_parser(
         "fields", help="the approximate Killing fields of a mesh", description=_fields.__doc__
     )
-    fields.add_argument("mesh", type=Path, metavar="MESH", help=f"a {_READABLE} file")
-    fields.add_argument("-k", type=_positive, default=6, help="number of fields (default: 6)")
+    fields.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
+    fields.add_argument("-k", type=positive, default=6, help="number of fields (default: 6)")
     fields.add_argument("--discretization", choices=("regge", "dec"), default="regge")
     fields.add_argument(
-        "-o", "--output", type=_with_suffix(".npz"), metavar="NPZ", help="write eigenvalues and vectors here"
+        "-o", "--output", type=with_suffix(".npz"), metavar="NPZ", help="write eigenvalues and vectors here"
     )
     fields.set_defaults(run=_fields)
 
@@ -77,60 +79,44 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="?",
         metavar="MESH",
-        help=f"a {_READABLE} file; by default a built-in noisy vase",
+        help=f"a {READABLE} file; by default a built-in noisy vase",
     )
     symmetrize.add_argument(
         "-o",
         "--output",
-        type=_with_suffix(*_WRITABLE),
+        type=with_suffix(*_WRITABLE),
         required=True,
         metavar="OUT",
         help="the mesh to write",
     )
     symmetrize.add_argument(
-        "--count", type=_positive, default=1, help="number of symmetries to make exact (default: 1)"
+        "--count", type=positive, default=1, help="number of symmetries to make exact (default: 1)"
     )
     symmetrize.add_argument(
-        "--max-steps", type=_positive, default=500, help="most evaluations of the objective (default: 500)"
+        "--max-steps", type=positive, default=500, help="most evaluations of the objective (default: 500)"
     )
     symmetrize.set_defaults(run=_symmetrize)
 
-    add_mesh_commands(commands, _READABLE, _with_suffix(*_WRITABLE))
-    for command in (fields, symmetrize):
+    add_mesh_commands(commands, READABLE, with_suffix(*_WRITABLE))
+    for command in (fields, symmetrize, *add_flow_commands(commands)):
         command.add_argument("--json", action="store_true", help="print the result as JSON")
         picture = command.add_mutually_exclusive_group()
         picture.add_argument(
-            "--picture", type=_with_suffix(".png"), metavar="PNG", help="where to put the picture"
+            "--picture", type=with_suffix(".png"), metavar="PNG", help="where to put the picture"
         )
         picture.add_argument("--no-picture", action="store_true", help="draw nothing")
     return parser
 
 
-def _positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
-    return number
-
-
-def _with_suffix(*suffixes: str) -> Any:
-    def path(text: str) -> Path:
-        if Path(text).suffix.lower() not in suffixes:
-            raise argparse.ArgumentTypeError(f"must end in {' or '.join(suffixes)}, got {text!r}")
-        return Path(text)
-
-    return path
-
-
 def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     """Finds the k tangent fields of smallest Killing energy; λ·area near 0 means a continuous intrinsic symmetry."""
-    _check_writable(options.output, options.picture)
+    check_writable(options.output, options.picture)
     with console.status("reading"):
         mesh = TriangleMesh.load(options.mesh)
     with console.status(f"solving for {options.k} fields on {mesh.topology.n_vertices} vertices"):
         found = killing_fields(mesh, options.k, discretization=options.discretization)
         found.eigenvalues.block_until_ready()
-    console.print(_table(found, f"{options.mesh.name}: {_size(mesh)}"))
+    console.print(_table(found, f"{options.mesh.name}: {size_of(mesh)}"))
 
     if options.output is not None:
         content = io.BytesIO()
@@ -152,7 +138,7 @@ def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         render_fields(path, vertices, faces, vectors[:shown], titles)
 
     picture = options.picture or Path(f"{options.mesh.stem}-fields.png")
-    drawn = _draw(draw, picture, options, console)
+    drawn = draw_picture(draw, picture, options, console)
     return {"mesh": str(options.mesh), **_describe(mesh, found), "picture": drawn}
 
 
@@ -160,7 +146,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     """Moves the vertices of a nearly symmetric mesh until its continuous intrinsic symmetry is exact."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
 
-    _check_writable(options.output, options.picture)
+    check_writable(options.output, options.picture)
     with console.status("reading"):
         if options.mesh is None:
             name, mesh = (
@@ -190,7 +176,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
 
     k = options.count + 2
     before, after = killing_fields(mesh, k), killing_fields(done.mesh, k)
-    console.print(_table(before, f"before ({name}: {_size(mesh)})"))
+    console.print(_table(before, f"before ({name}: {size_of(mesh)})"))
     console.print(_table(after, "after"))
     first, last = done.history[0], done.history[-1]
     console.print(
@@ -222,7 +208,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
             view=Z_UP if options.mesh is None else None,
         )
 
-    drawn = _draw(draw, options.picture or options.output.with_suffix(".png"), options, console)
+    drawn = draw_picture(draw, options.picture or options.output.with_suffix(".png"), options, console)
     return {
         "mesh": None if options.mesh is None else str(options.mesh),
         "output": str(options.output),
@@ -244,35 +230,8 @@ def _enable_float64_and_cache() -> None:
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 
-def _check_writable(*paths: Path | None) -> None:
-    """Fails before the work, not after it, where a result could not be written."""
-    for path in paths:
-        if path is not None:
-            check_can_be_written(path)
-
-
-def _draw(draw: Any, path: Path, options: argparse.Namespace, console: "Console") -> str | None:
-    """Draws; where no picture was asked for by name, being unable to draw is a remark and no failure."""
-    if options.no_picture:
-        return None
-    try:
-        with console.status("drawing"):
-            draw(path)
-    except (ImportError, RuntimeError, OSError) as failure:
-        if options.picture is not None:
-            raise RuntimeError(f"no picture: {failure}") from failure
-        console.print(f"no picture: {failure}", style="yellow")
-        return None
-    console.print(f"wrote {path}")
-    return str(path)
-
-
 def _arrays(mesh: TriangleMesh, found: KillingFields) -> tuple[Any, Any, Any]:
     return np.asarray(mesh.vertices), np.asarray(mesh.faces), np.asarray(found.vectors)
-
-
-def _size(mesh: TriangleMesh) -> str:
-    return f"{mesh.topology.n_vertices:,} vertices, {mesh.topology.n_faces:,} faces"
 
 
 def _table(found: KillingFields, title: str) -> "Table":

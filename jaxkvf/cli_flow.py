@@ -1,0 +1,251 @@
+"""The commands `jaxkvf flow MESH` and `jaxkvf pattern MESH -o OUT`."""
+
+import argparse
+import io
+import math
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .fields import killing_fields
+from .files import write_whole
+from .flows import Period, integral_curves, isometry_error, period, vertex_points
+from .geometry import edge_lengths, mean_edge_length
+from .mesh import TriangleMesh
+from .patterns import emboss, paint, pattern, read_image, save_colored, save_textured, stripes
+from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+_CURVES = 24
+
+
+def add_flow_commands(commands: Any) -> tuple[argparse.ArgumentParser, ...]:
+    """Declares both commands; returns their parsers."""
+    flow = commands.add_parser(
+        "flow", help="follow a Killing field: curves, period, isometry", description=_flow.__doc__
+    )
+    decorate = commands.add_parser(
+        "pattern", help="decorate a mesh along a Killing field", description=_pattern.__doc__
+    )
+    for command in (flow, decorate):
+        command.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
+        command.add_argument(
+            "--field", type=_count, default=0, help="number of the Killing field, from 0 (default: 0)"
+        )
+    flow.add_argument(
+        "-t", "--time", type=_finite, help="time to go, for a field of unit norm (default: the period)"
+    )
+    flow.add_argument(
+        "--curves", type=positive, default=_CURVES, help=f"how many curves (default: {_CURVES})"
+    )
+    flow.add_argument(
+        "-o",
+        "--output",
+        type=with_suffix(".npz"),
+        metavar="NPZ",
+        help="write curves and advected vertices here",
+    )
+    flow.set_defaults(run=_flow)
+
+    decorate.add_argument(
+        "-o",
+        "--output",
+        type=with_suffix(".glb", ".obj", ".ply"),
+        required=True,
+        metavar="OUT",
+        help="textured .glb or .obj (with .mtl and .png), vertex-coloured .ply",
+    )
+    decorate.add_argument(
+        "-m", "--copies", type=positive, default=12, help="copies of each disk (default: 12)"
+    )
+    decorate.add_argument(
+        "--at",
+        type=_count,
+        nargs="+",
+        metavar="VERTEX",
+        help="centres of the disks (default: where the field is fastest)",
+    )
+    decorate.add_argument(
+        "--radius", type=_finite, help="of the disks, in time: radius / speed (default: 0.4 T / m)"
+    )
+    decorate.add_argument(
+        "--image", type=Path, metavar="FILE", help="image to put on each disk (default: rings)"
+    )
+    decorate.add_argument(
+        "--relief", type=_finite, metavar="HEIGHT", help="raise each disk by this many mean edges"
+    )
+    decorate.add_argument(
+        "--stripes",
+        choices=("across", "along"),
+        help="stripes (as many as copies) instead of disks; .ply only",
+    )
+    decorate.add_argument("--subdivide", type=positive, default=1, help="parts of each edge (default: 1)")
+    decorate.set_defaults(run=_pattern)
+    return flow, decorate
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"must be at least 0, got {number}")
+    return number
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise argparse.ArgumentTypeError(f"must be finite, got {text}")
+    return number
+
+
+def _solved(options: argparse.Namespace, console: "Console") -> tuple[TriangleMesh, Any]:
+    """The mesh and the field that was asked for."""
+    with console.status("reading"):
+        mesh = TriangleMesh.load(options.mesh)
+    with console.status(f"solving for field {options.field} on {mesh.topology.n_vertices} vertices"):
+        found = killing_fields(mesh, options.field + 1)
+    value = float(found.dimensionless[options.field])
+    console.print(f"{options.mesh.name}: {size_of(mesh)}; field {options.field}: λ·area = {value:.6g}")
+    return mesh, found.vectors[options.field]
+
+
+def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
+    """Follows a Killing field: its period, its integral curves, and how nearly its flow keeps lengths."""
+    check_writable(options.output, options.picture)
+    mesh, vectors = _solved(options, console)
+    with console.status("looking for the period"):
+        found, why = _period(mesh, vectors)
+    if found is None:
+        if options.time is None:
+            raise ValueError(f"{why}, or say how far to go: -t TIME")
+        console.print(why, style="yellow")
+    else:
+        closed = int(found.closed.sum())
+        console.print(
+            f"period T = {found.time:.6g} (spread {found.spread:.1e}), {closed} of {len(found.closed)} curves closed, "
+            f"gaps up to {np.nanmax(found.gaps):.1e} of their length"
+        )
+    time = options.time if found is None or options.time is not None else found.time
+    with console.status("following all vertices"):
+        change = isometry_error(mesh, vectors, time)
+    console.print(
+        f"after t = {time:.6g}: edge lengths changed by {change.relative_rms:.2e} (relative RMS; Err = {change.err:.1e}), "
+        f"{100 * change.finished:.1f} % of the vertices stayed on the surface"
+    )
+    speeds = np.linalg.norm(np.asarray(vectors), axis=1)
+    chosen = np.argsort(speeds)[_spread(speeds, options.curves)]
+    curves = integral_curves(mesh, vectors, time, *vertex_points(mesh.topology, chosen))
+    if options.output is not None:
+        content = io.BytesIO()
+        np.savez(
+            content,
+            time=time,
+            vectors=np.asarray(vectors),
+            vertices=np.asarray(change.vertices),
+            curves=curves.positions,
+            curve_times=curves.times,
+        )
+        write_whole(options.output, content.getvalue())
+        console.print(f"wrote {options.output}")
+
+    def draw(path: Path) -> None:
+        from .viz import render_colored  # noqa: PLC0415
+
+        render_colored(path, np.asarray(mesh.vertices), np.asarray(mesh.faces), curves=curves.polylines())
+
+    drawn = draw_picture(draw, options.picture or Path(f"{options.mesh.stem}-flow.png"), options, console)
+    return {
+        "mesh": str(options.mesh),
+        "field": options.field,
+        "time": time,
+        "period": None if found is None else found.time,
+        "period_spread": None if found is None else found.spread,
+        "closed_curves": None if found is None else int(found.closed.sum()),
+        "relative_rms_edge_error": change.relative_rms,
+        "err": change.err,
+        "picture": drawn,
+    }
+
+
+def _period(mesh: TriangleMesh, vectors: Any) -> tuple[Period | None, str]:
+    try:
+        return period(mesh, vectors), ""
+    except ValueError as failure:
+        return None, str(failure)
+
+
+def _spread(speeds: np.ndarray, count: int) -> np.ndarray:
+    """Ranks spread evenly from the slow to the fast."""
+    return np.linspace(0.02 * len(speeds), len(speeds) - 1, min(count, len(speeds))).astype(int)
+
+
+def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
+    """Decorates a mesh along a Killing field: an image, a relief or stripes, repeated so that the flow keeps them."""
+    output = options.output
+    beside = (
+        (output.with_suffix(".png"), output.with_suffix(".mtl")) if output.suffix.lower() == ".obj" else ()
+    )
+    check_writable(output, *beside, options.picture)
+    if options.stripes is not None and output.suffix.lower() != ".ply":
+        raise ValueError(f"stripes are colours at vertices: write them to a .ply, not {output.suffix}")
+    image = _rings() if options.image is None else read_image(options.image)
+    mesh, vectors = _solved(options, console)
+    found = period(mesh, vectors)
+    report: dict[str, Any] = {"mesh": str(options.mesh), "output": str(output), "period": found.time}
+    if options.stripes is not None:
+        with console.status("stripes"):
+            values = stripes(mesh, vectors, options.copies, direction=options.stripes, time=found.time)
+        shape = mesh
+        dark, light = np.array([0.16, 0.35, 0.55]), np.array([0.96, 0.92, 0.80])
+        colors = dark + (0.5 + 0.5 * np.tanh(4 * values))[:, None] * (light - dark)
+        save_colored(output, shape, colors)
+    else:
+        speeds = np.linalg.norm(np.asarray(vectors), axis=1)
+        centers = [int(speeds.argmax())] if options.at is None else options.at
+        with console.status("following the disks"), warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            made = pattern(
+                mesh,
+                vectors,
+                np.asarray(centers),
+                options.copies,
+                radius=options.radius,
+                time=found.time,
+                subdivide=options.subdivide,
+            )
+        for warning in caught:
+            console.print(f"warning: {warning.message}", style="yellow")
+        shape = made.mesh
+        if options.relief is not None:
+            unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
+            shape = emboss(made, options.relief * unit)
+        colors = paint(made, image)
+        if output.suffix.lower() == ".ply":
+            save_colored(output, shape, colors)
+        else:
+            save_textured(output, made, image, mesh=shape)
+        report |= {"centers": centers, "copies": len(made.coordinates), "radius": made.radius}
+        report["warnings"] = [str(warning.message) for warning in caught]
+    console.print(f"period T = {found.time:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
+
+    def draw(path: Path) -> None:
+        from .viz import render_colored  # noqa: PLC0415
+
+        render_colored(path, np.asarray(shape.vertices), np.asarray(shape.faces), colors)
+
+    picture = options.picture or output.with_name(f"{output.stem}-pattern.png")
+    return report | {"picture": draw_picture(draw, picture, options, console)}
+
+
+def _rings(pixels: int = 256) -> np.ndarray:
+    """Concentric rings with an arrow's worth of asymmetry: which way the field goes can be seen."""
+    axis = (np.arange(pixels) + 0.5) / pixels * 2 - 1
+    u, v = axis[None, :], -axis[:, None]
+    ring = np.floor(4 * np.hypot(u, v)) % 2
+    ahead = (np.abs(np.arctan2(v, u)) < np.pi / 6) & (ring > 0)
+    colors = np.where(ring[..., None] > 0, np.array([0.16, 0.35, 0.55]), np.array([0.96, 0.92, 0.80]))
+    return np.where(ahead[..., None], np.array([0.85, 0.40, 0.20]), colors)

@@ -1,0 +1,123 @@
+"""How nearly a flow is an isometry: §3.3 of the paper."""
+
+import importlib
+import math
+from typing import NamedTuple
+
+import numpy as np
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float, Int
+
+from ..geometry import edge_lengths
+from ..mesh import TriangleMesh
+from ._flow import FlowStatus, flow
+from ._points import surface_positions, vertex_points
+
+
+class Isometry(NamedTuple):
+    """What the flow did to the lengths of the edges, each taken as the segment between its ends in space."""
+
+    relative_rms: float
+    """√(Σ (ℓ' − ℓ)² / Σ ℓ²). Dimensionless."""
+    err: float
+    """The paper's Err: `relative_rms` / number of edges."""
+    largest: float
+    """Largest |ℓ' − ℓ| / ℓ."""
+    vertices: Float[Array, "V 3"]
+    """The advected vertices. Unit: length."""
+    finished: float
+    """Share of the vertices that the flow took the whole way; the others met a boundary or stay in a singular point."""
+
+
+def isometry_error(mesh: TriangleMesh, vectors: ArrayLike, t: float) -> Isometry:
+    """Edge lengths of the mesh advected by φᵗ against those of the mesh (§3.3): 0 for the flow of an exact Killing field.
+
+    Raises:
+        ValueError: as for `flow`.
+    """
+    end = flow(mesh, vectors, t, *vertex_points(mesh.topology))
+    moved = surface_positions(mesh, end.points)
+    before, after = (np.asarray(edge_lengths(x, mesh.topology)) for x in (mesh.vertices, moved))
+    change = after - before
+    relative = math.sqrt(float((change**2).sum() / (before**2).sum()))
+    arrived = np.isin(np.asarray(end.status), (FlowStatus.ARRIVED, FlowStatus.STATIONARY))
+    return Isometry(
+        relative, relative / len(before), float(np.abs(change / before).max()), moved, float(arrived.mean())
+    )
+
+
+class DistanceDistortion(NamedTuple):
+    """Exact geodesic distances of pairs of points before and after a flow.
+
+    Pairs closer than a quarter of the largest distance are left out: there the interpolation between vertices shows.
+    """
+
+    before: Float[np.ndarray, " pairs"]
+    """Unit: length."""
+    after: Float[np.ndarray, " pairs"]
+    largest: float
+    """Largest |d' − d| / d."""
+    rms: float
+    """√(Σ (d' − d)² / Σ d²)."""
+
+
+def distance_distortion(
+    mesh: TriangleMesh, vectors: ArrayLike, t: float, *, sources: int = 4, seed: int = 0
+) -> DistanceDistortion:
+    """Geodesic distances between φᵗ(p) and φᵗ(q) against those between p and q, for some vertices p and all vertices q.
+
+    Distances on the polyhedron are exact (Mitchell, Mount and Papadimitriou, through libigl); φᵗ(p) is made a vertex by
+    splitting its face, and at φᵗ(q) distances are interpolated linearly.
+
+    Args:
+        mesh: the surface.
+        vectors: `[V, 3]`, tangent vectors at the vertices. Unit: length / time.
+        t: time.
+        sources: number of vertices p, drawn with `seed`; each costs two exact solves.
+        seed: of `numpy.random.default_rng`.
+
+    Raises:
+        ValueError: as for `flow`.
+        ImportError: libigl is not installed.
+    """
+    x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
+    end = flow(mesh, vectors, t, *vertex_points(mesh.topology)).points
+    corners, b = faces[np.asarray(end.faces)], np.asarray(end.barycentric)
+    befores, afters = [], []
+    for p in np.random.default_rng(seed).choice(len(x), min(sources, len(x)), replace=False):
+        before = _exact_distances(x, faces, int(p))
+        split_x, split_faces = _split(x, faces, int(end.faces[p]), b[p])
+        after = (b * _exact_distances(split_x, split_faces, len(x))[corners]).sum(axis=1)
+        far = before > before.max() / 4
+        befores.append(before[far])
+        afters.append(after[far])
+    d, d_after = np.concatenate(befores), np.concatenate(afters)
+    change = d_after - d
+    rms = math.sqrt(float((change**2).sum() / (d**2).sum()))
+    return DistanceDistortion(d, d_after, float(np.abs(change / d).max()), rms)
+
+
+_FROM_THE_SIDES = 1e-6
+
+
+def _split(
+    x: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], face: int, b: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "W 3"], Int[np.ndarray, "G 3"]]:
+    """The mesh with one more vertex, at a point of a face; moved off the face's sides by a millionth of its size."""
+    b = np.maximum(b, _FROM_THE_SIDES)
+    a = faces[face]
+    new = np.array([[a[0], a[1], len(x)], [a[1], a[2], len(x)], [a[2], a[0], len(x)]])
+    return np.vstack([x, b / b.sum() @ x[a]]), np.vstack([np.delete(faces, face, axis=0), new])
+
+
+def _exact_distances(
+    x: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], source: int
+) -> Float[np.ndarray, " V"]:
+    try:
+        igl = importlib.import_module("igl")
+    except ImportError as error:
+        raise ImportError(
+            f'geodesic distances need libigl: pip install "jaxkvf[geodesics]" ({error})'
+        ) from error
+    none = np.zeros(0, np.int64)
+    return igl.exact_geodesic(x, faces, np.array([source]), none, np.arange(len(x)), none)

@@ -1,0 +1,59 @@
+"""What the commands of the command line share: arguments, files, pictures."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .files import check_can_be_written
+from .mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+READABLE = ".obj, .ply, .off or .stl"
+
+
+def positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
+    return number
+
+
+def with_suffix(*suffixes: str) -> Callable[[str], Path]:
+    def path(text: str) -> Path:
+        if Path(text).suffix.lower() not in suffixes:
+            raise argparse.ArgumentTypeError(f"must end in {' or '.join(suffixes)}, got {text!r}")
+        return Path(text)
+
+    return path
+
+
+def check_writable(*paths: Path | None) -> None:
+    """Fails before the work, not after it, where a result could not be written."""
+    for path in paths:
+        if path is not None:
+            check_can_be_written(path)
+
+
+def draw_picture(
+    draw: Callable[[Path], None], path: Path, options: argparse.Namespace, console: "Console"
+) -> str | None:
+    """Draws; where no picture was asked for by name, being unable to draw is a remark and no failure."""
+    if options.no_picture:
+        return None
+    try:
+        with console.status("drawing"):
+            draw(path)
+    except (ImportError, RuntimeError, OSError) as failure:
+        if options.picture is not None:
+            raise RuntimeError(f"no picture: {failure}") from failure
+        console.print(f"no picture: {failure}", style="yellow")
+        return None
+    console.print(f"wrote {path}")
+    return str(path)
+
+
+def size_of(mesh: TriangleMesh) -> str:
+    return f"{mesh.topology.n_vertices:,} vertices, {mesh.topology.n_faces:,} faces"
