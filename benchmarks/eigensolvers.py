@@ -10,6 +10,7 @@ that a long table can be made in pieces. JAX's own `lobpcg_standard` has no B an
 """
 
 import argparse
+import functools
 import json
 import os
 import resource
@@ -203,8 +204,15 @@ def _work(source: str, k: int, solver: str, gpu: bool) -> dict[str, Any]:
 
 
 def _problem(lengths: Any, topology: Any) -> Any:
-    import equinox as eqx  # noqa: PLC0415
     import jax  # noqa: PLC0415
+
+    return jax.block_until_ready(_assembly()(lengths, topology))
+
+
+@functools.cache
+def _assembly() -> Callable[..., Any]:
+    """Compiled once for all calls."""
+    import equinox as eqx  # noqa: PLC0415
 
     from jaxkvf.eigen import GeneralizedEigenproblem  # noqa: PLC0415
     from jaxkvf.killing import Regge  # noqa: PLC0415
@@ -215,12 +223,7 @@ def _problem(lengths: Any, topology: Any) -> Any:
         problem = Regge().eigenproblem(lengths, topology)
         return GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
 
-    global _assemble  # noqa: PLW0603  one compiled program for both calls
-    _assemble = _assemble or assemble
-    return jax.block_until_ready(_assemble(lengths, topology))
-
-
-_assemble: Callable[..., Any] | None = None
+    return assemble
 
 
 def _matrices(lengths: Any, topology: Any) -> tuple[Any, Any, float]:
@@ -270,7 +273,7 @@ def _factorized(factorization: str) -> Callable[..., tuple[Any, Any, int]]:
     def solve(lengths: Any, topology: Any, k: int) -> tuple[Any, Any, int]:
         from jaxkvf import eigen  # noqa: PLC0415
 
-        solver = eigen.ScipyEigsh(getattr(eigen, factorization)())
+        solver = eigen.ScipyEigsh(getattr(eigen, factorization)(), tolerance=RESIDUAL)
         solution = eigen.eigsolve(_problem(lengths, topology), k, solver)
         return solution.eigenvalues, solution.eigenvectors, int(solution.stats["solves"])
 
@@ -307,15 +310,23 @@ def _scipy_lobpcg(
 
 
 def _lobpcg_our_multigrid(lengths: Any, topology: Any, k: int) -> tuple[Any, Any, int]:
-    import equinox as eqx  # noqa: PLC0415
     import jax.numpy as jnp  # noqa: PLC0415
 
-    cycle = eqx.filter_jit(lambda m, p: m.prepare(p))(
-        _multigrid(lengths, topology), _problem(lengths, topology)
-    )
-    apply = eqx.filter_jit(lambda cycle, x: cycle.apply(x))
-    start = np.asarray(eqx.filter_jit(lambda c: c.starting_vectors(k + max(2, k // 5)))(cycle))
+    prepare, apply, starting_vectors = _cycle_functions()
+    cycle = prepare(_multigrid(lengths, topology), _problem(lengths, topology))
+    start = np.asarray(starting_vectors(cycle, k + max(2, k // 5)))
     return _scipy_lobpcg(lengths, topology, k, lambda x: np.asarray(apply(cycle, jnp.asarray(x))), start)
+
+
+@functools.cache
+def _cycle_functions() -> tuple[Callable[..., Any], ...]:
+    import equinox as eqx  # noqa: PLC0415
+
+    return (
+        eqx.filter_jit(lambda multigrid, problem: multigrid.prepare(problem)),
+        eqx.filter_jit(lambda cycle, x: cycle.apply(x)),
+        eqx.filter_jit(lambda cycle, count: cycle.starting_vectors(count)),
+    )
 
 
 def _lobpcg_pyamg(lengths: Any, topology: Any, k: int) -> tuple[Any, Any, int]:
