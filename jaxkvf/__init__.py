@@ -49,4 +49,6 @@ from .patterns import pattern as pattern
 from .patterns import stripes as stripes
 from .solvers import multigrid_solver as multigrid_solver
 from .symmetry import Symmetrization as Symmetrization
+from .symmetry import SymmetryReport as SymmetryReport
 from .symmetry import symmetrize as symmetrize
+from .symmetry import symmetry_report as symmetry_report

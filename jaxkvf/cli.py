@@ -21,7 +21,7 @@ from .fields import KillingFields, killing_fields
 from .files import write_whole
 from .geometry import edge_lengths, mean_edge_length
 from .mesh import TriangleMesh, shapes
-from .symmetry import OUTCOMES, Step, symmetrize
+from .symmetry import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
 from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
@@ -95,6 +95,12 @@ def _parser() -> argparse.ArgumentParser:
     symmetrize.add_argument(
         "--max-steps", type=positive, default=500, help="most evaluations of the objective (default: 500)"
     )
+    symmetrize.add_argument(
+        "--changes",
+        type=with_suffix(".ply"),
+        metavar="PLY",
+        help="write the result once more, coloured by how far vertices moved and how much triangles were stretched",
+    )
     symmetrize.set_defaults(run=_symmetrize)
 
     add_mesh_commands(commands, READABLE, with_suffix(*_WRITABLE))
@@ -146,7 +152,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     """Moves the vertices of a nearly symmetric mesh until its continuous intrinsic symmetry is exact."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # noqa: PLC0415
 
-    check_writable(options.output, options.picture)
+    check_writable(options.output, options.changes, options.picture)
     with console.status("reading"):
         if options.mesh is None:
             name, mesh = (
@@ -169,29 +175,33 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
             asymmetry = step.dimensionless[: options.count].sum()
             progress.update(task, completed=step.evaluations, asymmetry=asymmetry)
 
-        done = symmetrize(mesh, count=options.count, max_steps=options.max_steps, callback=show)
-    if done.result == OUTCOMES.eigensolver_failed:
+        done = symmetrize(mesh, options.count, max_steps=options.max_steps, callback=show)
+    if done.mesh is None or done.result == OUTCOMES.eigensolver_failed:
         raise RuntimeError(OUTCOMES[done.result])
-    done.mesh.save(options.output)
+    result = done.mesh
+    result.save(options.output)
 
     k = options.count + 2
-    before, after = killing_fields(mesh, k), killing_fields(done.mesh, k)
+    before, after = killing_fields(mesh, k), killing_fields(result, k)
     console.print(_table(before, f"before ({name}: {size_of(mesh)})"))
     console.print(_table(after, "after"))
-    first, last = done.history[0], done.history[-1]
-    console.print(
-        f"moved by {last.rms_displacement:.3f} mean edges (RMS), smallest angle "
-        f"{first.smallest_angle:.1f}° → {last.smallest_angle:.1f}°, {last.evaluations} evaluations"
-    )
+    account = symmetry_report(mesh, done)
+    console.print(_account_table(account))
     if done.result != OUTCOMES.successful:
         console.print(OUTCOMES[done.result], style="yellow")
     console.print(f"wrote {options.output}")
+    if options.changes is not None:
+        from .viz import save_colored_mesh  # noqa: PLC0415
+
+        vertices, faces, _ = _arrays(result, after)
+        save_colored_mesh(options.changes, vertices, faces, account.displacements, account.stretches)
+        console.print(f"wrote {options.changes}")
 
     def draw(path: Path) -> None:
         from .viz import Z_UP, render_before_after  # noqa: PLC0415
 
         unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
-        (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(done.mesh, after)
+        (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(result, after)
 
         def title(when: str, fields: KillingFields) -> str:
             return f"{when}: λ₀·area = {float(fields.dimensionless[0]):.2g}"
@@ -212,13 +222,11 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     return {
         "mesh": None if options.mesh is None else str(options.mesh),
         "output": str(options.output),
-        "result": OUTCOMES[done.result] or "successful",
-        "evaluations": last.evaluations,
-        "rms_displacement_in_mean_edges": last.rms_displacement,
-        "smallest_angle_in_degrees": {"before": first.smallest_angle, "after": last.smallest_angle},
+        **account.as_dict(),
         "before": _describe(mesh, before),
-        "after": _describe(done.mesh, after),
+        "after": _describe(result, after),
         "history": [np.asarray(step.dimensionless).tolist() for step in done.history],
+        "changes": None if options.changes is None else str(options.changes),
         "picture": drawn,
     }
 
@@ -253,6 +261,28 @@ def _table(found: KillingFields, title: str) -> "Table":
         # The last cluster may go on beyond the fields that were asked for.
         multiplicity = f"≥ {size}" if cluster == clusters[-1] else str(size)
         table.add_row(str(i), f"{value:.6g}", f"{dimensionless:.6g}", multiplicity, f"{residual:.1e}")
+    return table
+
+
+def _account_table(account: SymmetryReport) -> "Table":
+    """What symmetrizing has done."""
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(title="changes", title_justify="left")
+    for column in ("", "before", "after"):
+        table.add_column(column, justify="right")
+    table.add_row("exact fields", str(account.exact_before), str(account.exact_after))
+    pairs = zip(account.dimensionless_before, account.dimensionless_after, strict=True)
+    for i, (before, after) in enumerate(pairs):
+        table.add_row(f"λ·area of field {i}", f"{before:.3g}", f"{after:.3g}")
+    table.add_row("smallest angle", *(f"{angle:.1f}°" for angle in account.smallest_angles))
+    table.add_row("moved, mean edges (RMS)", "", f"{account.rms_displacement:.3f}")
+    table.add_row("moved, mean edges (most)", "", f"{account.largest_displacement:.3f}")
+    worst = account.most_changed_faces[:3]
+    named = ", ".join(f"{face} (×{account.stretches[face]:.2f})" for face in worst)
+    table.add_row("most stretched faces", "", named)
+    table.add_row("flipped faces", "", str(account.flipped_faces))
+    table.add_row("evaluations", "", str(account.evaluations))
     return table
 
 

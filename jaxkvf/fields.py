@@ -10,10 +10,10 @@ from jaxtyping import Array, Float, Int
 from .eigen import (
     RESULTS,
     AbstractEigensolver,
-    EigenSolution,
     GeneralizedEigenproblem,
     check_count,
     cluster_labels,
+    eigenvalues,
     eigsolve,
 )
 from .geometry import edge_lengths, embed, surface_area, vertex_frames
@@ -53,6 +53,7 @@ def killing_fields(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
+    clusters: str = "error",
     throw: bool = True,
 ) -> KillingFields:
     """The k approximate Killing vector fields of smallest energy, by K*KU = λU (eq. (7), (11) of the paper).
@@ -63,6 +64,7 @@ def killing_fields(
         discretization: `"regge"` (vertex vectors, the default) or `"dec"` (the paper's 1-forms, on the intrinsic Delaunay
             triangulation).
         solver: eigensolver; by default chosen by backend, size and k: `.stats["solver"]` says which, and why.
+        clusters: what differentiating inside a cluster of equal eigenvalues does, see `jaxkvf.eigen.eigsolve`.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
     Raises:
@@ -71,7 +73,8 @@ def killing_fields(
     """
     chosen = discretization_named(discretization)
     lengths = edge_lengths(mesh.vertices, mesh.topology)
-    solution = _solve(chosen, lengths, mesh.topology, k, solver=solver, throw=throw)
+    problem, solver, reason = _posed(chosen, lengths, mesh.topology, k, solver)
+    solution = eigsolve(problem, k, solver, clusters=clusters, throw=throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
     return KillingFields(
@@ -82,7 +85,7 @@ def killing_fields(
         clusters=cluster_labels(solution.eigenvalues, atol=_EXACT / area),
         area=area,
         result=solution.result,
-        stats=solution.stats,
+        stats=solution.stats | {"solver": reason},
     )
 
 
@@ -92,16 +95,25 @@ def killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
+    clusters: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
     """The k smallest eigenvalues λ of the Killing operator, ascending. Unit: length⁻².
 
-    Differentiable in forward and reverse mode: `jax.grad(lambda x: killing_eigenvalues(mesh.with_vertices(x), 1)[0])`.
-    Inside a cluster differentiate the sum (see `jaxkvf.eigen.eigsolve`). Arguments and errors as for `killing_fields`.
+    Differentiable to any order, in forward and reverse mode:
+    `jax.grad(lambda x: killing_eigenvalues(mesh.with_vertices(x), 1)[0])`. Inside a cluster of equal eigenvalues
+    differentiate their sum; the gradient of a single one is an error that names the cluster, or with `clusters="mean"` that
+    of the cluster's mean (see `jaxkvf.eigen.eigsolve`). Other arguments and errors as for `killing_fields`.
     """
     lengths = edge_lengths(mesh.vertices, mesh.topology)
     return intrinsic_killing_eigenvalues(
-        lengths, mesh.topology, k, discretization=discretization, solver=solver, throw=throw
+        lengths,
+        mesh.topology,
+        k,
+        discretization=discretization,
+        solver=solver,
+        clusters=clusters,
+        throw=throw,
     )
 
 
@@ -112,6 +124,7 @@ def intrinsic_killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
+    clusters: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
     """`killing_eigenvalues` of a surface given by its edge lengths alone, and differentiable with respect to them.
@@ -124,25 +137,23 @@ def intrinsic_killing_eigenvalues(
             f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
         )
     chosen = discretization_named(discretization)
-    return _solve(chosen, lengths, topology, k, solver=solver, throw=throw).eigenvalues
+    problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
+    return eigenvalues(problem, k, solver, clusters=clusters, throw=throw)
 
 
-def _solve(
+def _posed(
     discretization: AbstractDiscretization,
     lengths: Float[Array, " E"],
     topology: Topology,
     k: int,
-    *,
     solver: AbstractEigensolver | None,
-    throw: bool,
-) -> EigenSolution:
+) -> tuple[GeneralizedEigenproblem, AbstractEigensolver, str]:
+    """The problem, a solver for it, and why this one."""
     problem = _assemble(discretization, lengths, topology)
     check_count(k, problem.size)  # before a solver is chosen and built for it
-    reason = "the caller's"
-    if solver is None:
-        solver, reason = chosen_solver(lengths, topology, discretization, k)
-    solution = eigsolve(problem, k, solver, throw=throw)
-    return eqx.tree_at(lambda s: s.stats, solution, solution.stats | {"solver": reason})
+    if solver is not None:
+        return problem, solver, "the caller's"
+    return problem, *chosen_solver(lengths, topology, discretization, k)
 
 
 # Assembly and finish are jitted, the solve between them is not: a solver on the host then needs no callback, and compiled

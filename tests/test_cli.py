@@ -43,15 +43,23 @@ def test_fields_as_json(mesh_file, capsys):
 
 
 def test_symmetrize_writes_a_symmetric_mesh_and_a_picture(mesh_file, capsys):
-    code = cli.main(["symmetrize", str(mesh_file), "-o", "out.ply", "--json", "--picture", "out.png"])
+    arguments = ["-o", "out.ply", "--json", "--picture", "out.png", "--changes", "changes.ply"]
+    code = cli.main(["symmetrize", str(mesh_file), *arguments])
     report = json.loads(capsys.readouterr().out)
     assert code == 0 and report["result"] == "successful"
     before, after = (report[when]["eigenvalues_times_area"][0] for when in ("before", "after"))
-    assert before / after >= 1e5
+    assert after <= 20 / report["before"]["faces"] ** 2 + 1e-6 * before < 0.1 * before
     mesh = TriangleMesh.load("out.ply")
     np.testing.assert_array_equal(mesh.faces, TriangleMesh.load(mesh_file).faces)
     assert Path("out.png").read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
     assert report["history"][0][0] == pytest.approx(before)
+    assert report["exact_fields"] == {"before": 0, "after": 1} and report["flipped_faces"] == 0
+    moved = report["displacement_in_mean_edges"]
+    assert 0 < moved["rms"] < moved["largest"]
+    assert report["most_changed_faces"][0]["stretch"] >= report["most_changed_faces"][1]["stretch"] > 1
+    colored = TriangleMesh.load("changes.ply")
+    np.testing.assert_allclose(colored.vertices, mesh.vertices, rtol=1e-12)
+    assert b"property uchar red" in Path("changes.ply").read_bytes()
 
 
 def test_what_cannot_be_done_says_why_and_exits_1(mesh_file, tmp_path, capsys):

@@ -132,45 +132,6 @@ def test_k_and_guess_are_checked():
     assert eigsolve(problem, 60).eigenvalues.shape == (60,)
 
 
-def test_derivatives_are_hellmann_feynman_and_right():
-    """Against central differences and dense differentiation, forward and reverse; dB included."""
-    A, B = matrices(spectrum=np.linspace(1, 40, 40))
-    rng = np.random.default_rng(3)
-    dA, dB = (0.5 * (m + m.T) for m in rng.standard_normal((2, 40, 40)))
-
-    def lowest(t):
-        return eigsolve(problem_of(A + t * dA, B + t * dB), 4, ScipyEigsh()).eigenvalues
-
-    h = 1e-5
-    differences = (lowest(h) - lowest(-h)) / (2 * h)
-    forward = jax.jvp(lowest, (0.0,), (1.0,))[1]
-    reverse = jax.jacrev(lowest)(0.0)
-    np.testing.assert_allclose(forward, differences, rtol=1e-6)
-    np.testing.assert_allclose(reverse, forward, rtol=1e-12)
-    np.testing.assert_allclose(jax.jit(jax.jacfwd(lowest))(0.0), forward, rtol=1e-12)
-
-    def dense(t):
-        factor = jnp.linalg.cholesky(B + t * dB)
-        inner = jnp.linalg.solve(factor, jnp.linalg.solve(factor, A + t * dA).T)
-        return jnp.linalg.eigh(0.5 * (inner + inner.T))[0][:4]
-
-    np.testing.assert_allclose(forward, jax.jacfwd(dense)(0.0), rtol=1e-8)
-
-
-def test_the_sum_of_a_cluster_has_a_derivative():
-    A, B = matrices(spectrum=np.concatenate([[2, 2, 2], np.linspace(5, 40, 37)]))
-    rng = np.random.default_rng(4)
-    dA = rng.standard_normal((40, 40))
-    dA = 0.5 * (dA + dA.T)
-
-    def total(t):
-        values = eigsolve(problem_of(A + t * dA, B), 4, ScipyEigsh()).eigenvalues
-        return eigen.cluster_sums(values, jnp.asarray([0, 0, 0, 1]))[0]
-
-    h = 1e-4
-    np.testing.assert_allclose(jax.grad(total)(0.0), (total(h) - total(-h)) / (2 * h), rtol=1e-6)
-
-
 def test_clusters_are_told_by_their_gaps():
     values = jnp.asarray([1e-9, 2e-9, 4.0, 4.01, 4.02, 8.0])
     assert eigen.cluster_labels(values, atol=1e-6).tolist() == [0, 0, 1, 1, 1, 2]

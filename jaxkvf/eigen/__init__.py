@@ -1,6 +1,9 @@
 """Smallest eigenpairs of generalized symmetric problems, and their derivatives. Knows nothing of meshes."""
 
 from ._auxiliary_space import AuxiliarySpace as AuxiliarySpace
+from ._clusters import cluster_labels as cluster_labels
+from ._clusters import cluster_means as cluster_means
+from ._clusters import cluster_sums as cluster_sums
 from ._coarsening import Coarsening as Coarsening
 from ._coarsening import Interpolation as Interpolation
 from ._dense import DenseEigh as DenseEigh
@@ -15,12 +18,13 @@ from ._lobpcg import LOBPCG as LOBPCG
 from ._multigrid import Multigrid as Multigrid
 from ._preconditioner import AbstractApproximateInverse as AbstractApproximateInverse
 from ._preconditioner import AbstractPreconditioner as AbstractPreconditioner
+from ._preconditioner import KeptInverse as KeptInverse
 from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
 from ._scipy import ScipyEigsh as ScipyEigsh
 from ._solution import RESULTS as RESULTS
 from ._solution import EigenSolution as EigenSolution
 from ._solve import check_count as check_count
-from ._solve import cluster_labels as cluster_labels
-from ._solve import cluster_sums as cluster_sums
+from ._solve import eigenvalues as eigenvalues
 from ._solve import eigsolve as eigsolve
+from ._solve import spectral_sum as spectral_sum
 from ._solver import AbstractEigensolver as AbstractEigensolver

@@ -26,3 +26,13 @@ class AbstractPreconditioner(eqx.Module):
     @abc.abstractmethod
     def prepare(self, problem: GeneralizedEigenproblem) -> AbstractApproximateInverse:
         """The approximate inverse for this problem; pure JAX, so it runs inside `jit`."""
+
+
+class KeptInverse(AbstractPreconditioner):
+    """An approximate inverse made once, for problems that change little: saves the preparation."""
+
+    inverse: AbstractApproximateInverse
+
+    def prepare(self, problem: GeneralizedEigenproblem) -> AbstractApproximateInverse:
+        del problem
+        return self.inverse

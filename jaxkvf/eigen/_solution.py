@@ -35,7 +35,7 @@ class EigenSolution(eqx.Module):
     eigenvalues: Float[Array, " k"]
     """Differentiable with respect to the problem's arrays."""
     eigenvectors: Float[Array, "n k"]
-    """Columns, orthonormal in B. Held fixed under differentiation: their own derivative comes out as 0."""
+    """Columns, orthonormal in B. Differentiable outside of clusters; their sign is the solver's choice."""
     residuals: Float[Array, " k"]
     """‖A x − λ B x‖₂ / (‖A‖₂ ‖x‖₂) of each pair, ‖A‖₂ estimated from below within a few per cent."""
     result: RESULTS

@@ -1,18 +1,26 @@
-"""The entry to all eigensolvers, and the derivative of eigenvalues."""
+"""The entries to all eigensolvers: eigenpairs, eigenvalues alone, and spectral functions, all differentiable."""
+
+from collections.abc import Callable
+from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from ..sparse import assembled, matmat
+from ..sparse import assembled
+from ._clusters import averaged, cluster_means, individual, whole, without_gauge
 from ._dense import DenseEigh
+from ._derivatives import Eigenspaces, basis, energies
 from ._problem import GeneralizedEigenproblem
 from ._scipy import ScipyEigsh
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 
 _DENSE_IS_FASTER = 400  # unknowns
+
+_CLUSTERS = ("error", "mean")
+_Tree = TypeVar("_Tree")
 
 
 def eigsolve(
@@ -21,38 +29,84 @@ def eigsolve(
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
+    clusters: str = "error",
     throw: bool = True,
 ) -> EigenSolution:
-    """The k smallest eigenpairs of A x = λ B x.
+    """The k smallest eigenpairs of A x = λ B x, differentiable with respect to the arrays of A and B.
 
-    Eigenvalues are differentiable with respect to the arrays of A and B, forward and reverse, by Hellmann–Feynman:
-    dλ = xᵀ(dA − λ dB)x. Inside a cluster of equal eigenvalues only symmetric functions of them (their sum) have a
-    derivative; the individual ones are then those of an arbitrary basis of the eigenspace.
+    Forward and reverse mode, to any order, under `jit` and `vmap`, with every solver. Eigenvalues by Hellmann–Feynman,
+    dλ = xᵀ(dA − λ dB)x; eigenvectors by a deflated linear solve that uses the solver's preconditioner or factorization
+    (where only eigenvalues are differentiated, `eigenvalues` saves it in forward mode). When differentiated, k + 1 pairs are
+    computed, to know where the last cluster ends.
+
+    *Clusters.* Inside a cluster of equal eigenvalues (gap below 64 √ε λ) only symmetric functions of them are
+    differentiable. Reverse mode raises an error that names the cluster where anything else is asked for: a sum of the
+    eigenvalues, or a projector made of the eigenvectors, passes. Forward mode cannot see what will be asked; it gives each
+    eigenvalue of a cluster the derivative of their mean, and eigenvectors that of a basis that does not turn inside the
+    eigenspace, so that symmetric functions come out right; NaN where the cluster goes on beyond the k asked for.
 
     Args:
         problem: the eigenproblem of size n.
         k: number of pairs, 1 ≤ k ≤ n.
-        solver: `DenseEigh()`, `ScipyEigsh()`; by default by size.
+        solver: `DenseEigh()`, `ScipyEigsh()`, `LOBPCG(…)`; by default by size.
         guess: approximate eigenvectors to start from.
+        clusters: `"mean"` makes reverse mode do as forward mode does instead of raising. For second derivatives of
+            eigenvectors' functions in clusters, where the check of the first would see too much.
         throw: raise if the solve fails; otherwise look at `solution.result`.
 
     Raises:
-        ValueError: k is not an integer in 1…n; a guess of the wrong shape.
-        equinox.EquinoxRuntimeError: the solve failed and `throw`; the message says why and what to do.
+        ValueError: k is not an integer in 1…n; a guess of the wrong shape; `clusters` is not one of the two.
+        equinox.EquinoxRuntimeError: the solve failed and `throw`; or a derivative was asked for that does not exist. The
+            message says why and what to do.
     """
-    check_count(k, problem.size)
-    if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
-        raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
-    if solver is None:
-        solver = DenseEigh() if problem.size <= max(_DENSE_IS_FASTER, k) else ScipyEigsh()
+    found = _find(problem, k, solver, guess=guess, clusters=clusters, throw=throw, vectors=True)
+    vectors = found.solution.eigenvectors
+    if clusters == "error":
+        vectors = without_gauge(vectors, found.labels, found.cut)
+    return eqx.tree_at(
+        lambda s: (s.eigenvalues, s.eigenvectors), found.solution, (_values(found, clusters), vectors)
+    )
 
-    held = jax.lax.stop_gradient(GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B)))
-    solution = solver.compute(held, k, None if guess is None else jax.lax.stop_gradient(guess))
-    if throw:
-        solution = solution.result.error_if(solution, solution.result != RESULTS.successful)
-    vectors = jax.lax.stop_gradient(solution.eigenvectors)
-    values = _hellmann_feynman(problem, jax.lax.stop_gradient(solution.eigenvalues), vectors)
-    return eqx.tree_at(lambda s: (s.eigenvalues, s.eigenvectors), solution, (values, vectors))
+
+def eigenvalues(
+    problem: GeneralizedEigenproblem,
+    k: int,
+    solver: AbstractEigensolver | None = None,
+    *,
+    guess: Float[Array, "n g"] | None = None,
+    clusters: str = "error",
+    throw: bool = True,
+) -> Float[Array, " k"]:
+    """The eigenvalues of `eigsolve` alone, whose first derivatives never need those of eigenvectors; all else as there."""
+    return _values(
+        _find(problem, k, solver, guess=guess, clusters=clusters, throw=throw, vectors=False), clusters
+    )
+
+
+def spectral_sum(
+    function: Callable[[Float[Array, ""]], Float[Array, ""]],
+    problem: GeneralizedEigenproblem,
+    k: int,
+    solver: AbstractEigensolver | None = None,
+    *,
+    guess: Float[Array, "n g"] | None = None,
+    throw: bool = True,
+) -> Float[Array, ""]:
+    """Σ f(λᵢ) over the k smallest eigenvalues, differentiable to second order through clusters, and beyond outside of them.
+
+    The trace of f of an operator has derivatives where single eigenvalues have none. Inside a cluster of mean μ it is
+    expanded as Σ f(μ) + ½ f″(μ) tr (Λ − μ)². The k must not cut a cluster: differentiating is an error then.
+
+    Args:
+        function: f, scalar to scalar, twice differentiable by JAX.
+        problem, k, solver, guess, throw: as for `eigsolve`.
+    """
+    found = _find(problem, k, solver, guess=guess, clusters="mean", throw=throw, vectors=False)
+    energies = whole(found.energies, found.labels, found.cut)
+    means = cluster_means(energies.diagonal(), found.labels)
+    deviation = energies - jnp.diag(means)
+    curvature = jax.vmap(jax.grad(jax.grad(function)))(means)
+    return (jax.vmap(function)(means) + 0.5 * curvature * (deviation * deviation.T).sum(axis=1)).sum()
 
 
 def check_count(k: int, size: int) -> None:
@@ -65,44 +119,88 @@ def check_count(k: int, size: int) -> None:
         raise ValueError(f"k must be an integer between 1 and the number of unknowns {size}, got {k!r}")
 
 
+class _Found(eqx.Module):
+    """Eigenpairs whose derivatives are right as those of eigenspaces: for functions that are symmetric in each cluster."""
+
+    solution: EigenSolution
+    energies: Float[Array, "k k"]
+    """Λ: the eigenvalues on the diagonal."""
+    labels: Int[Array, " k"]
+    cut: Bool[Array, " k"]
+
+
+def _values(found: _Found, clusters: str) -> Float[Array, " k"]:
+    change = individual if clusters == "error" else averaged
+    return change(found.energies, found.labels, found.cut).diagonal()
+
+
+def _find(
+    problem: GeneralizedEigenproblem,
+    k: int,
+    solver: AbstractEigensolver | None,
+    *,
+    guess: Float[Array, "n g"] | None,
+    clusters: str,
+    throw: bool,
+    vectors: bool,
+) -> _Found:
+    check_count(k, problem.size)
+    if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
+        raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
+    if clusters not in _CLUSTERS:
+        raise ValueError(f"clusters must be 'error' or 'mean', got {clusters!r}")
+    if solver is None:
+        solver = DenseEigh() if problem.size <= max(_DENSE_IS_FASTER, k) else ScipyEigsh()
+    found = _differentiable(problem, jax.lax.stop_gradient(guess), solver, k, vectors)
+    if throw:
+        found = found.solution.result.error_if(found, found.solution.result != RESULTS.successful)
+    return found
+
+
 @eqx.filter_custom_jvp
-def _hellmann_feynman(
-    problem: GeneralizedEigenproblem, eigenvalues: Float[Array, " k"], eigenvectors: Float[Array, "n k"]
-) -> Float[Array, " k"]:
-    """The eigenvalues themselves, with the derivative that they have as functions of the problem."""
-    return eigenvalues
+def _differentiable(
+    problem: GeneralizedEigenproblem,
+    guess: Float[Array, "n g"] | None,
+    solver: AbstractEigensolver,
+    k: int,
+    vectors: bool,
+) -> _Found:
+    solution = _compute(problem, guess, solver, k)
+    # Clusters matter to derivatives only, and are found there with one more pair.
+    alone = jnp.arange(k, dtype=jnp.int32)
+    return _Found(solution, jnp.diag(solution.eigenvalues), alone, jnp.zeros(k, bool))
 
 
-@_hellmann_feynman.def_jvp
+@_differentiable.def_jvp
 def _(primals, tangents):
-    problem, eigenvalues, x = primals
-    d_problem, _, _ = tangents
+    problem, guess, solver, k, vectors = primals
+    wide = _compute(problem, guess, solver, min(k + 1, problem.size))
+    spaces = Eigenspaces.of(_held(problem), wide.eigenvalues, wide.eigenvectors, k, solver)
 
-    def products(problem: GeneralizedEigenproblem) -> tuple[Array, Array]:
-        return matmat(problem.A, x), matmat(problem.B, x)
+    def of_problem(problem: GeneralizedEigenproblem) -> tuple[Array, Array | None]:
+        return energies(problem, spaces), basis(problem, spaces) if vectors else None
 
-    _, (dA_x, dB_x) = eqx.filter_jvp(products, (problem,), (d_problem,))
-    derivative = jnp.zeros_like(eigenvalues)
-    if dA_x is not None:  # None: does not depend on what is differentiated
-        derivative = derivative + (x * dA_x).sum(axis=0)
-    if dB_x is not None:
-        derivative = derivative - eigenvalues * (x * dB_x).sum(axis=0)
-    return eigenvalues, derivative
-
-
-def cluster_labels(
-    eigenvalues: Float[Array, " k"], *, rtol: float = 1e-2, atol: float | Float[Array, ""] = 0.0
-) -> Array:
-    """Number of the cluster each of the ascending eigenvalues belongs to, from 0.
-
-    Neighbours belong together while their gap is at most `atol + rtol · |λ|` of the larger in absolute value.
-    """
-    larger = jnp.maximum(jnp.abs(eigenvalues[1:]), jnp.abs(eigenvalues[:-1]))
-    apart = jnp.diff(eigenvalues) > atol + rtol * larger
-    return jnp.concatenate([jnp.zeros(1, jnp.int32), jnp.cumsum(apart, dtype=jnp.int32)])
+    (Lambda, X), (d_Lambda, d_X) = eqx.filter_jvp(of_problem, (problem,), (tangents[0],))
+    X = spaces.vectors if X is None else X
+    solution = EigenSolution(Lambda.diagonal(), X, wide.residuals[:k], wide.result, wide.stats)
+    found = _Found(solution, Lambda, spaces.labels, spaces.cut)
+    nothing = jax.tree.map(lambda leaf: None, found)
+    changed = eqx.tree_at(
+        lambda f: (f.solution.eigenvalues, f.solution.eigenvectors, f.energies),
+        nothing,
+        (d_Lambda.diagonal(), d_X, d_Lambda),
+        is_leaf=lambda leaf: leaf is None,
+    )
+    return found, changed
 
 
-def cluster_sums(eigenvalues: Float[Array, " k"], labels: Array) -> Float[Array, " k"]:
-    """For each eigenvalue the sum over its cluster: differentiable where single members of a cluster are not."""
-    together = (labels[:, None] == labels[None, :]).astype(eigenvalues.dtype)
-    return together @ eigenvalues
+def _compute(
+    problem: GeneralizedEigenproblem, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver, k: int
+) -> EigenSolution:
+    held = _held(GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B)))
+    # What a solver on the host returns would otherwise be a constant of the tangents' program.
+    return jax.device_put(_held(solver.compute(held, k, guess)))
+
+
+def _held(problem: _Tree) -> _Tree:
+    return jax.lax.stop_gradient(problem)

@@ -108,6 +108,16 @@ class KillingOperator(lx.AbstractLinearOperator):
     def mv(self, vector: Float[Array, " n"]) -> Float[Array, " n"]:
         return matmat(self, vector[:, None])[:, 0]
 
+    def root(self, block: Float[Array, "n k"]) -> Float[Array, "F 3 k"]:
+        """R x with A = RᵀR: the strains of each face."""
+        factor = jnp.linalg.cholesky(self.side_products)
+        return jnp.einsum("fst,fsk->ftk", factor, self._side_rates(block))
+
+    def _side_rates(self, block: Float[Array, "n k"]) -> Float[Array, "F 3 k"]:
+        vectors = block.reshape(self.topology.n_vertices, 2, -1)
+        rates = jnp.einsum("eac,eack->ek", self.rate_coefficients, vectors[self.topology.edges])
+        return rates[self.topology.face_edges]
+
     def as_matrix(self) -> Float[Array, "n n"]:
         return assembled(self).as_matrix()
 
@@ -134,9 +144,7 @@ def _killing_operator(lengths: Float[Array, " E"], topology: Topology) -> Killin
 @matmat.register
 def _(operator: KillingOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
     topology = operator.topology
-    vectors = block.reshape(topology.n_vertices, 2, -1)
-    rates = jnp.einsum("eac,eack->ek", operator.rate_coefficients, vectors[topology.edges])
-    sides = jnp.einsum("fst,ftk->fsk", operator.side_products, rates[topology.face_edges])
+    sides = jnp.einsum("fst,ftk->fsk", operator.side_products, operator._side_rates(block))
     at_edges = _sum_over(topology.face_edges, sides, topology.n_edges)
     at_ends = operator.rate_coefficients[..., None] * at_edges[:, None, None, :]
     return _sum_over(topology.edges, at_ends, topology.n_vertices).reshape(block.shape)

@@ -1,62 +1,19 @@
-"""What symmetrization minimises: the asymmetry of the mesh, and the price of moving it."""
-
-import abc
+"""What a symmetrization minimises: the asymmetry of a surface, and the price of moving it."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, PyTree
 
-from ..eigen import RESULTS, AbstractEigensolver, eigsolve
-from ..geometry import corner_cotangents, edge_lengths, face_areas, mean_edge_length, surface_area
-from ..killing import AbstractDiscretization
-from ..mesh import TriangleMesh
-
-
-class AbstractTerm(eqx.Module):
-    """A smooth dimensionless price of moving `original` to `moved`, 0 for not moving at all."""
-
-    @abc.abstractmethod
-    def __call__(self, moved: TriangleMesh, original: TriangleMesh) -> Float[Array, ""]:
-        """The price, its weight included."""
-
-
-class PositionFidelity(AbstractTerm):
-    """Weight × mean squared displacement of the vertices, in mean edge lengths of the original."""
-
-    weight: float = eqx.field(default=1e-4, static=True)
-
-    def __call__(self, moved: TriangleMesh, original: TriangleMesh) -> Float[Array, ""]:
-        unit = mean_edge_length(edge_lengths(original.vertices, original.topology))
-        displacement = (moved.vertices - original.vertices) / unit
-        return self.weight * (displacement**2).sum(axis=1).mean()
-
-
-class ShapeBarrier(AbstractTerm):
-    """Weight × mean symmetric Dirichlet energy of the triangles: infinite for slivers, indifferent to bending.
-
-    Of the affine map from each triangle's original shape to its moved one, ½ (|J|² + |J⁻¹|²) − 2 ≥ 0 with 0 for rotations:
-    it keeps angles and areas, and grows like area⁻² as a triangle collapses, so no needle or sliver pays.
-
-    Reference: J. Smith, S. Schaefer, Bijective Parameterization with Free Boundaries (2015).
-    """
-
-    weight: float = eqx.field(default=1e-4, static=True)
-
-    def __call__(self, moved: TriangleMesh, original: TriangleMesh) -> Float[Array, ""]:
-        topology = original.topology
-        rest = edge_lengths(original.vertices, topology)
-        lengths = edge_lengths(moved.vertices, topology)
-        rest_area, area = face_areas(rest, topology), face_areas(lengths, topology)
-        # |J|² = Σ cot(opposite) ℓ² / (2 rest area) over the sides, cotangents at rest; corner s + 2 faces side s.
-        cot = corner_cotangents(rest, topology)[:, [2, 0, 1]]
-        squared_norm = (cot * lengths[topology.face_edges] ** 2).sum(axis=1) / (2 * rest_area)
-        determinant = area / rest_area
-        energy = 0.5 * squared_norm * (1 + determinant**-2) - 2
-        return self.weight * (rest_area * energy).sum() / rest_area.sum()
+from ..eigen import AbstractEigensolver
+from ._surface import Surface
+from ._targets import AbstractTarget, dimensionless_energies, strains
+from ._terms import AbstractTerm
+from ._unknowns import AbstractUnknowns
 
 
 class Evaluation(eqx.Module):
-    """The objective at one mesh, taken apart."""
+    """The objective at one surface, taken apart."""
 
     dimensionless: Float[Array, " k"]
     """λ · area of the first few fields."""
@@ -64,46 +21,68 @@ class Evaluation(eqx.Module):
     """Price of each term."""
     solved: Bool[Array, ""]
     """Whether the eigensolver converged."""
-    eigenvectors: Float[Array, "n k"]
-    """Of the first few fields: where the eigensolver may start at a mesh nearby."""
+    fields: Float[Array, "n k"]
+    """The first few fields: where the eigensolver may start at a surface nearby."""
+
+
+class Accepted(eqx.Module):
+    """What an evaluation knows of the last accepted step."""
+
+    fields: Float[Array, "n k"] | None
+    """Approximate eigenvectors: they save time but do not change the result."""
+    asymmetry: Float[Array, ""]
+    """Σ λ · area of the target: it may not rise."""
 
 
 class SymmetryObjective(eqx.Module):
-    """Σ_{i<count} λ_i · area + Σ terms, as a function of the vertices' displacement in mean edge lengths.
+    """Asymmetry Σ λ · area of the target's fields + Σ terms, as a function of the unknowns θ.
 
-    λ · area, not λ: inflating the mesh lowers λ but leaves λ · area alone.
+    λ · area, not λ: inflating a surface lowers λ but leaves λ · area alone. Gradients hold the eigenvectors fixed
+    (Hellmann–Feynman: eigenvalues are minima of their Rayleigh quotients).
     """
 
-    original: TriangleMesh
+    original: Surface
+    unknowns: AbstractUnknowns
+    target: AbstractTarget
     terms: tuple[AbstractTerm, ...]
-    count: int = eqx.field(static=True)
-    discretization: AbstractDiscretization
     solver: AbstractEigensolver | None
 
-    @property
-    def unit(self) -> Float[Array, ""]:
-        """Mean edge length of the original."""
-        return mean_edge_length(edge_lengths(self.original.vertices, self.original.topology))
+    def surface(self, theta: PyTree) -> Surface:
+        return self.unknowns.surface(theta, self.original)
 
-    def moved(self, displacement: Float[Array, "V 3"]) -> TriangleMesh:
-        return self.original.with_vertices(self.original.vertices + self.unit * displacement)
+    def prices(self, surface: Surface) -> Float[Array, " t"]:
+        prices = [term(surface, self.original) for term in self.terms]
+        return jnp.stack(prices) if prices else jnp.zeros(0, surface.lengths.dtype)
+
+    def __call__(self, theta: PyTree, accepted: Accepted) -> tuple[Float[Array, ""], Evaluation]:
+        """For an optimistix minimiser. Infinite, so that it steps back, where the surface is not valid, the eigensolver
+        fails, or the asymmetry is above that of the last accepted step."""
+        surface = self.surface(theta)
+        fields, solved = self.target.find(jax.lax.stop_gradient(surface), accepted.fields, self.solver)
+        dimensionless = dimensionless_energies(surface, jax.lax.stop_gradient(fields))
+        prices = self.prices(surface)
+        asymmetry = dimensionless[: self.target.count()].sum()
+        allowed = solved & self.unknowns.is_valid(surface, self.original) & (asymmetry <= accepted.asymmetry)
+        total = jnp.where(allowed, asymmetry + prices.sum(), jnp.inf)
+        return total, Evaluation(dimensionless, prices, solved, fields)
+
+
+class SquaredObjective(eqx.Module):
+    """The same as a sum of squares in (θ, fields), for Gauss–Newton methods: at its minimum the fields are eigenvectors."""
+
+    objective: SymmetryObjective
 
     def __call__(
-        self, displacement: Float[Array, "V 3"], guess: Float[Array, "n k"] | None
-    ) -> tuple[Float[Array, ""], Evaluation]:
-        """The objective, infinite where the eigensolver fails so that a minimiser steps back; for optimistix.
-
-        `guess` are approximate eigenvectors, which save steps but do not change the result.
-        """
-        mesh = self.moved(displacement)
-        lengths = edge_lengths(mesh.vertices, mesh.topology)
-        problem = self.discretization.eigenproblem(lengths, mesh.topology)
-        k = min(self.count + 2, problem.size)
-        solution = eigsolve(problem, k, self.solver, guess=guess, throw=False)
-        dimensionless = solution.eigenvalues * surface_area(lengths, mesh.topology)
-        prices = jnp.stack([term(mesh, self.original) for term in self.terms]) if self.terms else jnp.zeros(0)
-        solved = solution.result == RESULTS.successful
-        total = dimensionless[: self.count].sum() + prices.sum()
-        return jnp.where(solved, total, jnp.inf), Evaluation(
-            dimensionless, prices, solved, solution.eigenvectors
+        self, unknowns: tuple[PyTree, Float[Array, "n m"]], accepted: Accepted
+    ) -> tuple[Float[Array, " r"], Evaluation]:
+        """For an optimistix least-squares solver, with Σ r²/2 as its objective. Infinite where not valid."""
+        theta, fields = unknowns
+        surface, original = self.objective.surface(theta), self.objective.original
+        strain = strains(surface, fields)
+        valid = self.objective.unknowns.is_valid(surface, original)
+        allowed = valid & ((strain**2).sum() <= accepted.asymmetry)
+        residuals = [strain, *(term.residuals(surface, original) for term in self.objective.terms)]
+        found = Evaluation(
+            dimensionless_energies(surface, fields), self.objective.prices(surface), valid, fields
         )
+        return jnp.where(allowed, jnp.concatenate(residuals), jnp.inf), found

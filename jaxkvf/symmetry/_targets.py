@@ -1,0 +1,105 @@
+"""What is to become symmetric: the lowest fields, or one that is given. Both as an energy and as a sum of squares."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..eigen import RESULTS, AbstractEigensolver, GeneralizedEigenproblem, eigsolve
+from ..geometry import project, surface_area, vertex_frames
+from ..killing import Regge
+from ..mesh import TriangleMesh
+from ..sparse import matmat
+from ._surface import Surface
+
+
+class AbstractTarget(eqx.Module):
+    """Fields whose Killing energy is to vanish. The asymmetry to minimise is Σ λ · area, blind to scale."""
+
+    @abc.abstractmethod
+    def count(self) -> int:
+        """Number of fields."""
+
+    @abc.abstractmethod
+    def find(
+        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+    ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
+        """The fields on a surface, those of the target first, and whether they were found."""
+
+    @abc.abstractmethod
+    def given(self, mesh: TriangleMesh) -> Float[Array, "n k"] | None:
+        """The fields, where they are known from the start."""
+
+
+class LowestFields(AbstractTarget):
+    """The `count` fields of smallest energy: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere."""
+
+    number: int = eqx.field(default=1, static=True)
+
+    def __check_init__(self) -> None:
+        if isinstance(self.number, bool) or not isinstance(self.number, int) or self.number < 1:
+            raise ValueError(f"the number of fields must be a positive integer, got {self.number!r}")
+        if self.number > 3:
+            raise ValueError(
+                f"the number of fields must be at most 3 (no surface has more independent symmetries), got {self.number}"
+            )
+
+    def count(self) -> int:
+        return self.number
+
+    def find(
+        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+    ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
+        problem = jax.lax.stop_gradient(killing_problem(surface))
+        solution = eigsolve(problem, min(self.number + 2, problem.size), solver, guess=guess, throw=False)
+        return solution.eigenvectors, solution.result == RESULTS.successful
+
+    def given(self, mesh: TriangleMesh) -> None:
+        return None
+
+
+class ChosenField(AbstractTarget):
+    """A tangent field to keep: the mesh is moved until this one is Killing, in the intrinsic frames that move with it."""
+
+    vectors: Float[Array, "V 3"]
+    """At the vertices of the input, of any norm but 0; the normal part is dropped."""
+
+    def count(self) -> int:
+        return 1
+
+    def find(
+        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+    ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
+        assert guess is not None  # `given`
+        return guess, jnp.isfinite(surface.lengths).all()
+
+    def given(self, mesh: TriangleMesh) -> Float[Array, "n k"]:
+        if self.vectors.shape != mesh.vertices.shape:
+            raise ValueError(
+                f"vectors must have shape {list(mesh.vertices.shape)}, got {list(self.vectors.shape)}"
+            )
+        return project(self.vectors, vertex_frames(mesh.vertices, mesh.topology)).reshape(-1, 1)
+
+
+def killing_problem(surface: Surface) -> GeneralizedEigenproblem:
+    """Discretization `regge`: the other is not positive semi-definite and cannot be minimised."""
+    return Regge().eigenproblem(surface.lengths, surface.topology)
+
+
+def dimensionless_energies(surface: Surface, fields: Float[Array, "n k"]) -> Float[Array, " k"]:
+    """E_K(U) / ‖U‖² · area of each field. At eigenvectors, λ · area and (fields held fixed) its derivative."""
+    problem = killing_problem(surface)
+    energies, norms = ((fields * matmat(M, fields)).sum(axis=0) for M in (problem.A, problem.B))
+    return energies / norms * surface_area(surface.lengths, surface.topology)
+
+
+def strains(surface: Surface, fields: Float[Array, "n m"]) -> Float[Array, " r"]:
+    """r with Σ r² = tr (UᵀBU)⁻¹(UᵀAU) · area: Σ λ · area at eigenvectors and more anywhere else. Smooth in U."""
+    problem: Any = killing_problem(surface)
+    gram = fields.T @ matmat(problem.B, fields)
+    orthonormal = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), fields.T, lower=True).T
+    area = surface_area(surface.lengths, surface.topology)
+    return (jnp.sqrt(area) * problem.A.root(orthonormal)).ravel()
