@@ -58,7 +58,9 @@ def read_out(values, vectors):
     return jnp.concatenate([values[:K], (SIMPLE.weights @ vectors[:, :K]) ** 2])
 
 
-@pytest.mark.parametrize("solver", ["dense", "scipy", pytest.param("lobpcg", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "solver", ["scipy", *(pytest.param(name, marks=pytest.mark.slow) for name in ("dense", "lobpcg"))]
+)
 def test_first_and_second_derivatives_match_dense_eigh(solver):
     def ours(t):
         solution = eigsolve(SIMPLE.problem(t), K, SOLVERS[solver])
@@ -101,7 +103,7 @@ def test_first_derivative_of_eigenvalues_alone_solves_nothing():
     assert alone.count("pure_callback[") < pairs.count("pure_callback[")
 
 
-@pytest.mark.parametrize("k", [2, 3])  # 2 cuts the cluster
+@pytest.mark.parametrize("k", [pytest.param(2, marks=pytest.mark.slow), 3])  # 2 cuts the cluster
 def test_a_single_eigenvalue_of_a_cluster_is_an_error_that_names_it(k):
     def second(t):
         return eigen.eigenvalues(DOUBLE.problem(t), k)[1]
@@ -113,6 +115,7 @@ def test_a_single_eigenvalue_of_a_cluster_is_an_error_that_names_it(k):
     np.testing.assert_allclose(jax.jacfwd(second)(0.0), mean if k == 3 else np.nan, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_what_is_symmetric_in_a_cluster_has_derivatives():
     """Sums, spectral functions and projectors, to second order, against central differences of dense eigh."""
 
@@ -170,9 +173,8 @@ def noisy():
     return shapes.add_normal_noise(shapes.ellipsoid(4), 0.05, seed=1)
 
 
-@pytest.mark.parametrize(
-    "solver", [None, pytest.param("multigrid", marks=pytest.mark.slow)], ids=["default", "multigrid"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", [None, "multigrid"], ids=["default", "multigrid"])
 def test_hessian_vector_products_on_a_mesh(noisy, solver):
     if solver == "multigrid":
         solver = jaxkvf.multigrid_solver(noisy, rtol=1e-12)
