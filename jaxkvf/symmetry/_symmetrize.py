@@ -1,5 +1,6 @@
 """Moving the vertices of a nearly symmetric mesh until its intrinsic symmetry is exact."""
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -84,7 +85,7 @@ def symmetrize(
         fidelity = LengthFidelity() if isinstance(unknowns, EdgeLengths) else PositionFidelity()
         terms = (fidelity, ShapeBarrier())
     if minimiser is None:
-        minimiser = optx.LBFGS(rtol=1e-8, atol=1e-8, history_length=20)
+        minimiser = _default_minimiser()
     if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
         solver = multigrid_solver(mesh, rtol=_RESIDUAL)
     if atol is None:
@@ -109,6 +110,12 @@ def symmetrize(
         minimiser, fn, objective, state, goal=goal, reach=reach, max_steps=max_steps, callback=callback
     )
     return _result(objective, state, squared, outcome)
+
+
+@functools.cache
+def _default_minimiser() -> optx.AbstractMinimiser:
+    """One object for all calls: compiled steps are kept by it."""
+    return optx.LBFGS(rtol=1e-8, atol=1e-8, history_length=20)
 
 
 def _check(max_steps: int, rtol: float, atol: float | None, reach: float) -> None:
