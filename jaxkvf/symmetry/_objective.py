@@ -16,13 +16,13 @@ class Evaluation(eqx.Module):
     """The objective at one surface, taken apart."""
 
     dimensionless: Float[Array, " k"]
-    """λ · area of the first few fields."""
+    """λ · area of the target's fields, and about that of the next two."""
     terms: Float[Array, " t"]
     """Price of each term."""
     solved: Bool[Array, ""]
     """Whether the eigensolver converged."""
     fields: Float[Array, "n k"]
-    """The first few fields: where the eigensolver may start at a surface nearby."""
+    """These fields: where the eigensolver may start at a surface nearby."""
 
 
 class Accepted(eqx.Module):

@@ -44,7 +44,7 @@ class Step(eqx.Module):
     evaluations: int
     """Evaluations of the objective so far, one eigensolve each."""
     dimensionless: Float[np.ndarray, " k"]
-    """λ · area of the first few fields."""
+    """λ · area of the target's fields, and of two more: after the first step upper bounds, from approximate eigenvectors."""
     terms: Float[np.ndarray, " t"]
     """Price of each term of the objective."""
     rms_displacement: float

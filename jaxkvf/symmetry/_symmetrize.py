@@ -86,6 +86,7 @@ def symmetrize(
         terms = (fidelity, ShapeBarrier())
     if minimiser is None:
         minimiser = _default_minimiser()
+    first_solver = solver  # a single solve would not repay the compilation of multigrid
     if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
         solver = multigrid_solver(mesh, rtol=_RESIDUAL)
     if atol is None:
@@ -93,7 +94,8 @@ def symmetrize(
     objective = SymmetryObjective(Surface.of(mesh), unknowns, chosen, tuple(terms), solver)
 
     theta = unknowns.start(mesh)
-    evaluation = _evaluate(objective, theta, chosen.given(mesh))
+    start = SymmetryObjective(objective.original, unknowns, chosen, objective.terms, first_solver)
+    evaluation = _evaluate(start, theta, chosen.given(mesh))
     history = (_record(objective, theta, evaluation, 1),)
     squared = isinstance(minimiser, optx.AbstractLeastSquaresSolver)
     fn = SquaredObjective(objective) if squared else objective

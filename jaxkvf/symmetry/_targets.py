@@ -15,6 +15,8 @@ from ..mesh import TriangleMesh
 from ..sparse import matmat
 from ._surface import Surface
 
+_BEYOND = 2  # fields beyond those of the target
+
 
 class AbstractTarget(eqx.Module):
     """Fields whose Killing energy is to vanish. The asymmetry to minimise is Σ λ · area, blind to scale."""
@@ -35,7 +37,11 @@ class AbstractTarget(eqx.Module):
 
 
 class LowestFields(AbstractTarget):
-    """The `count` fields of smallest energy: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere."""
+    """The fields of smallest energy: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere.
+
+    Two more are carried along, for the record and as guesses. They are exact at the start only: iterating until they
+    converge as well would take longer than all the rest.
+    """
 
     number: int = eqx.field(default=1, static=True)
 
@@ -54,8 +60,12 @@ class LowestFields(AbstractTarget):
         self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
         problem = jax.lax.stop_gradient(killing_problem(surface))
-        solution = eigsolve(problem, min(self.number + 2, problem.size), solver, guess=guess, throw=False)
-        return solution.eigenvectors, solution.result == RESULTS.successful
+        k = min(self.number + _BEYOND, problem.size) if guess is None else self.number
+        solution = eigsolve(problem, k, solver, guess=guess, throw=False)
+        fields = solution.eigenvectors
+        if guess is not None and guess.shape[1] > k:
+            fields = _ritz_vectors(problem, jnp.concatenate([fields, guess[:, k:]], axis=1))
+        return fields, solution.result == RESULTS.successful
 
     def given(self, mesh: TriangleMesh) -> None:
         return None
@@ -82,6 +92,13 @@ class ChosenField(AbstractTarget):
                 f"vectors must have shape {list(mesh.vertices.shape)}, got {list(self.vectors.shape)}"
             )
         return project(self.vectors, vertex_frames(mesh.vertices, mesh.topology)).reshape(-1, 1)
+
+
+def _ritz_vectors(problem: GeneralizedEigenproblem, basis: Float[Array, "n k"]) -> Float[Array, "n k"]:
+    """The best approximations of eigenvectors in the span of the basis, ascending, B-orthonormal."""
+    factor = jnp.linalg.cholesky(basis.T @ matmat(problem.B, basis))
+    basis = jax.scipy.linalg.solve_triangular(factor, basis.T, lower=True).T
+    return basis @ jnp.linalg.eigh(basis.T @ matmat(problem.A, basis))[1]
 
 
 def killing_problem(surface: Surface) -> GeneralizedEigenproblem:
