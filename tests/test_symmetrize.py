@@ -206,7 +206,7 @@ def test_levenberg_marquardt_minimises_the_energy_as_squares():
     lowest = float(jaxkvf.killing_fields(done.mesh, 1).dimensionless[0])
     np.testing.assert_allclose(done.history[-1].dimensionless[0], lowest, rtol=1e-6)
     assert done.result == OUTCOMES.successful and done.stats["evaluations"] <= 8
-    assert lowest < 0.01 * done.history[0].dimensionless[0]
+    assert lowest <= 20 / noisy.topology.n_faces**2 + 1e-6 < 0.02 * done.history[0].dimensionless[0]
 
 
 def test_bad_options_are_refused():

@@ -13,8 +13,9 @@ from scipy.sparse.linalg import LinearOperator, cg
 
 from ..sparse import assembled, matmat, to_scipy
 from ._dense import DenseEigh
+from ._diagonal import cheap_diagonal
 from ._fallback import WithFallback
-from ._jacobi import BlockJacobi, cheap_diagonal
+from ._jacobi import BlockJacobi
 from ._lobpcg import LOBPCG
 from ._problem import GeneralizedEigenproblem
 from ._scipy import ScipyEigsh, _shifted_inverse

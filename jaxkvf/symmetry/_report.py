@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..fields import killing_fields
 from ..geometry import face_normals
 from ..mesh import TriangleMesh
 from ._outcome import OUTCOMES, Symmetrization
@@ -93,7 +94,7 @@ def symmetry_report(mesh: TriangleMesh, done: Symmetrization) -> SymmetryReport:
     return SymmetryReport(
         result=OUTCOMES[done.result] or "successful",
         dimensionless_before=first.dimensionless,
-        dimensionless_after=last.dimensionless,
+        dimensionless_after=np.asarray(killing_fields(done.mesh, len(first.dimensionless)).dimensionless),
         rms_displacement=float(np.sqrt((np.asarray(displacements) ** 2).mean())),
         largest_displacement=float(displacements.max()),
         displacements=np.asarray(displacements),

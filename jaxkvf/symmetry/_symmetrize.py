@@ -12,14 +12,20 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import PyTree
 
-from ..eigen import AbstractEigensolver
+from ..eigen import (
+    AbstractApproximateInverse,
+    AbstractEigensolver,
+    AbstractPreconditioner,
+    GeneralizedEigenproblem,
+    KeptInverse,
+)
 from ..geometry import corner_angles
 from ..mesh import TriangleMesh
 from ..solvers import multigrid_solver
 from ._objective import Accepted, Evaluation, SquaredObjective, SymmetryObjective
 from ._outcome import OUTCOMES, State, Step, Symmetrization
 from ._surface import Surface
-from ._targets import AbstractTarget, LowestFields
+from ._targets import AbstractTarget, LowestFields, killing_problem
 from ._terms import AbstractTerm, LengthFidelity, PositionFidelity, ShapeBarrier
 from ._unknowns import AbstractUnknowns, Displacements, EdgeLengths
 
@@ -88,7 +94,7 @@ def symmetrize(
         minimiser = _default_minimiser()
     first_solver = solver  # a single solve would not repay the compilation of multigrid
     if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
-        solver = multigrid_solver(mesh, rtol=_RESIDUAL)
+        solver = _warm_solver(mesh)
     if atol is None:
         atol = _ROUND_FLOOR / mesh.topology.n_faces**2
     objective = SymmetryObjective(Surface.of(mesh), unknowns, chosen, tuple(terms), solver)
@@ -112,6 +118,20 @@ def symmetrize(
         minimiser, fn, objective, state, goal=goal, reach=reach, max_steps=max_steps, callback=callback
     )
     return _result(objective, state, squared, outcome)
+
+
+def _warm_solver(mesh: TriangleMesh) -> AbstractEigensolver:
+    """Multigrid, its numbers those of the input: near enough for all meshes on the way."""
+    solver: Any = multigrid_solver(mesh, rtol=_RESIDUAL)
+    inverse = _prepared(solver.first.preconditioner, killing_problem(Surface.of(mesh)))
+    return eqx.tree_at(lambda s: s.first.preconditioner, solver, KeptInverse(inverse))
+
+
+@eqx.filter_jit
+def _prepared(
+    preconditioner: AbstractPreconditioner, problem: GeneralizedEigenproblem
+) -> AbstractApproximateInverse:
+    return preconditioner.prepare(problem)
 
 
 @functools.cache
