@@ -16,6 +16,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     shapes.ellipsoid(8).save("spheroid.obj")
 
 
+@pytest.mark.slow
 def test_flow_reports_the_period_and_writes_curves(capsys):
     assert (
         cli.main(["flow", "spheroid.obj", "-o", "flow.npz", "--json", "--no-picture", "--curves", "5"]) == 0

@@ -115,6 +115,7 @@ def test_group_property_and_inverse(swirl):
     )
 
 
+@pytest.mark.slow
 def test_second_order_on_the_sphere():
     """A Killing field and a gradient on the round sphere, whose flows are known: turns, and z = tanh(t + t₀)."""
     errors = []
@@ -204,6 +205,7 @@ def test_nothing_stalls_on_rough_fields(seed):
     assert (status == FlowStatus.ARRIVED).mean() > 0.97, np.bincount(status)
 
 
+@pytest.mark.slow
 def test_closest_points():
     mesh = shapes.random_sphere(100, radii=(1, 2, 3))
     faces, b = random_points(mesh, 200)

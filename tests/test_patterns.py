@@ -71,6 +71,7 @@ def test_a_vase_finely_divided():
     assert change(made.mesh, heights(made), found / 9) <= 0.02
 
 
+@pytest.mark.slow
 def test_the_disk_is_a_normal_chart_along_the_field():
     """On a cylinder the log map unrolls it: u is the angle, v the height."""
     mesh = shapes.cylinder(48, height=3.0)
@@ -139,6 +140,7 @@ def test_textured_files_are_read_by_others(spheroid, tmp_path):
     assert sorted(f.name for f in tmp_path.iterdir()) == ["p.glb", "p.mtl", "p.obj", "p.ply", "p.png"]
 
 
+@pytest.mark.slow
 def test_stripes_follow_the_group():
     mesh = shapes.ellipsoid(16)
     x = np.asarray(mesh.vertices)

@@ -70,6 +70,7 @@ def test_geodesic_distances_are_kept():
     assert lost.largest > 0.1 and lost.rms > 10 * kept.rms
 
 
+@pytest.mark.slow
 def test_orbits_are_regular_polygons():
     mesh = shapes.ellipsoid(16)
     field = 0.5 * turning(mesh)
@@ -140,7 +141,7 @@ def test_integral_curves_have_times_and_end_at_the_boundary():
 
 
 def test_bad_input_is_named():
-    mesh = shapes.icosphere(8)
+    mesh = shapes.icosphere(4)
     turn, points = turning(mesh), vertex_points(mesh.topology, [5])
     for m in (0, -1):
         with pytest.raises(ValueError, match="m must be an integer of at least 1"):
