@@ -76,7 +76,7 @@ def table_row(name: str, clean: TriangleMesh, sigma: float, count: int = 1, **op
 
 def distance_to_revolution(mesh: TriangleMesh) -> float:
     """RMS distance to the spheroid 1 : 1 : 1.6, orbit of the noise-free mesh, after the best rigid motion."""
-    x = np.asarray(mesh.vertices)
+    x = np.array(mesh.vertices)
 
     def distances(motion: np.ndarray) -> np.ndarray:
         moved = Rotation.from_rotvec(motion[:3]).apply(x) + motion[3:]
