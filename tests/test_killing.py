@@ -195,7 +195,7 @@ def test_intrinsic_eigenvalues_need_only_lengths():
 
 def test_wrong_names_and_shapes_are_refused():
     mesh = shapes.icosphere(2)
-    with pytest.raises(ValueError, match="must be one of regge, dec, got 'rege'"):
+    with pytest.raises(ValueError, match="must be one of regge, dec, regge-delaunay, got 'rege'"):
         jaxkvf.killing_fields(mesh, 2, discretization="rege")
     with pytest.raises(ValueError, match=r"shape \[42, 3\], one a vertex, got \[41, 3\]"):
         jaxkvf.killing_energy(mesh, jnp.zeros((41, 3)))

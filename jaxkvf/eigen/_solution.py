@@ -24,8 +24,8 @@ class RESULTS(eqx.Enumeration):
     )
     indefinite_mass = (
         "B is not positive definite, so the problem has no lowest eigenvalue. With the `dec` discretization this means "
-        "cotangent weights that are not positive: boundary edges opposite obtuse angles, which no flip mends (or, with "
-        "`Dec(delaunay=False)`, a mesh that is not Delaunay). Use `regge`, or remesh."
+        "cotangent weights of inner edges that are not positive: `Dec(delaunay=False)` on a mesh that is not Delaunay. "
+        "Use `Dec()` or `regge`."
     )
 
 

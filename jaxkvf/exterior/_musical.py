@@ -6,7 +6,7 @@ axis runs along the face's first side. All maps are first-order accurate, exact 
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from ..geometry import (
     barycentric_vertex_areas,
@@ -19,7 +19,7 @@ from ..geometry import (
     unit_vectors,
 )
 from ..mesh import Topology
-from ..sparse import RowSparseOperator
+from ..sparse import RowSparseOperator, TransposedRowSparseOperator
 
 
 @jax.jit
@@ -30,9 +30,8 @@ def flat(vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: To
 
 def flat_operator(lengths: Float[Array, " E"], topology: Topology) -> RowSparseOperator:
     """`flat` as an operator: component c of the vector at vertex v is unknown number 2 v + c."""
-    columns = 2 * topology.edges[:, :, None] + jnp.arange(2, dtype=topology.edges.dtype)[None, None]
     values = 0.5 * lengths[:, None, None] * edge_directions(lengths, topology)
-    return RowSparseOperator(columns.reshape(-1, 4), values.reshape(-1, 4), 2 * topology.n_vertices)
+    return RowSparseOperator(end_components(topology), values.reshape(-1, 4), 2 * topology.n_vertices)
 
 
 @jax.jit
@@ -42,21 +41,42 @@ def sharp(form: Float[Array, " E"], lengths: Float[Array, " E"], topology: Topol
     One or two spokes, which an inner vertex of an intrinsic triangulation may have, do not determine a vector; there it is
     the mean over the faces around.
     """
-    sign = jnp.where(topology.is_tail_spoke, 1.0, -1.0)
-    along = sign * (form / lengths)[topology.spoke_edges]
-    direction = unit_vectors(spoke_angles(lengths, topology))
+    fitted = sharp_operator(lengths, topology).mv(form).reshape(-1, 2)
+    undetermined = _is_undetermined(topology)[:, None]
+    return jnp.where(undetermined, _mean_over_faces(form, lengths, topology), fitted)
 
-    def around_vertices(x: Float[Array, "S c"]) -> Float[Array, "V c"]:
-        return jax.ops.segment_sum(x, topology.spoke_vertices, num_segments=topology.n_vertices)
 
-    (x, y), (right_x, right_y) = direction.T, around_vertices(direction * along[:, None]).T
-    xx, xy, yy = around_vertices(jnp.stack([x * x, x * y, y * y], axis=1)).T
-    undetermined = (topology.vertex_degrees < 3) & ~topology.is_boundary_vertex
+def sharp_operator(
+    lengths: Float[Array, " E"], topology: Topology, weights: Float[Array, " E"] | None = None
+) -> TransposedRowSparseOperator:
+    """`sharp` as a sparse operator, edges → 2 V vector components; 0 where one or two spokes determine no vector.
+
+    Args:
+        lengths: length of each edge.
+        topology: connectivity.
+        weights: of the edges in the least-squares fit, positive; by default equal.
+    """
+    direction = edge_directions(lengths, topology)  # form / length is the component along it, at both ends
+    weighted = direction if weights is None else weights[:, None, None] * direction
+    outer = (weighted[..., :, None] * direction[..., None, :]).reshape(-1, 4)
+    xx, xy, _, yy = jax.ops.segment_sum(outer, topology.edges.ravel(), num_segments=topology.n_vertices).T
+    undetermined = _is_undetermined(topology)
     determinant = jnp.where(undetermined, 1.0, xx * yy - xy * xy)
-    fitted = (
-        jnp.stack([yy * right_x - xy * right_y, xx * right_y - xy * right_x], axis=1) / determinant[:, None]
-    )
-    return jnp.where(undetermined[:, None], _mean_over_faces(form, lengths, topology), fitted)
+    inverse = jnp.stack([yy, -xy, -xy, xx], axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
+    inverse = jnp.where(undetermined[:, None, None], 0.0, inverse)
+    fit = jnp.einsum("ecij,ecj->eci", inverse[topology.edges], weighted) / lengths[:, None, None]
+    fitted = RowSparseOperator(end_components(topology), fit.reshape(-1, 4), 2 * topology.n_vertices)
+    return fitted.transpose()
+
+
+def end_components(topology: Topology) -> Int[Array, "E 4"]:
+    """Numbers of the vector components at the tail and head of each edge, among 2 V."""
+    first = jnp.repeat(2 * topology.edges, 2, axis=1)
+    return first + jnp.asarray([[0, 1, 0, 1]], first.dtype)
+
+
+def _is_undetermined(topology: Topology) -> Bool[Array, " V"]:
+    return (topology.vertex_degrees < 3) & ~topology.is_boundary_vertex
 
 
 def _mean_over_faces(

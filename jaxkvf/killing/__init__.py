@@ -6,6 +6,7 @@ from ._energy import discretization_named as discretization_named
 from ._energy import killing_energy as killing_energy
 from ._energy import killing_energy_density as killing_energy_density
 from ._hierarchy import vector_hierarchy as vector_hierarchy
+from ._on_delaunay import OnIntrinsicDelaunay as OnIntrinsicDelaunay
 from ._regge import Regge as Regge
 from ._regge import squared_length_rates as squared_length_rates
 from ._regge import vector_mass as vector_mass

@@ -13,43 +13,64 @@ import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
 from ..eigen import GeneralizedEigenproblem
-from ..exterior import curl_curl, flat_operator, grad_div, hodge1, sharp
+from ..exterior import curl_curl, d1, flat_operator, sharp, sharp_operator
 from ..geometry import (
     IntrinsicDelaunay,
     angle_defects,
+    barycentric_vertex_areas,
     circumcentric_vertex_areas,
+    corner_cotangents,
     cotan_weights,
-    geodesic_curvatures,
     intrinsic_delaunay,
     rotations,
 )
 from ..mesh import Topology
-from ..sparse import RowSparseOperator
+from ..sparse import RowSparseOperator, TransposedRowSparseOperator
 from ._discretization import AbstractDiscretization
+from ._free_boundary import free_boundary, tangential_boundary_term
 
 
 class Dec(AbstractDiscretization):
     """One-forms on the edges of the intrinsic Delaunay triangulation: second order, not positive semi-definite.
 
-    A = 2R, R = d₁ᵀ⋆₂d₁ + 2⋆₁d₀⋆₀⁻¹d₀ᵀ⋆₁ − 2⋆₁G, B = ⋆₁, with the pointwise curvature G = ½(k_i/⋆₀_i + k_j/⋆₀_j). (The
-    paper's Rω = λBω has half these eigenvalues.) λ₀ may be slightly negative, so this discretization is never to be
-    minimised; where curvature sits in single vertices (creases, scanned noise) eigenvalues may be far below zero.
+    A = 2R, R = d₁ᵀ⋆₂d₁ + 2⋆₁d₀⋆₀⁻¹d₀ᵀ⋆₁ − 2(curvature) [+ boundary], B = ⋆₁. (The paper's Rω = λBω has half these
+    eigenvalues.) λ₀ may be slightly negative, so this discretization is never to be minimised.
 
-    *Where ⋆₁ is positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation (`triangulation`),
-    which makes it non-negative on all inner edges. A boundary edge opposite an obtuse angle keeps ⋆₁ < 0: it is left so,
-    and the eigensolver then reports an indefinite B. Use `regge` there, or remesh the boundary.
+    *Curvature.* ∫k|ω|² is Σ_i k_i |u_i|² with the angle defects k_i, a measure that converges, and the vector u_i = ω^♯ at
+    the vertex, fitted with weights ⋆₁ (`"vertex"`, the default). The paper shares it out to the edges as ωᵀ⋆₁Gω,
+    G_ij = ½(k_i/⋆₀_i + k_j/⋆₀_j) (`"edge"`): there defect over area stands for a pointwise curvature, to which it does not
+    converge on irregular meshes, so that eigenvalues stall at about 1 %, and are far off across creases. A defect beyond
+    π/2 in one vertex counts as π/2 (nothing balances more, and eigenvalues would run off to −∞), and as 0 at an inner
+    vertex of fewer than three edges.
+
+    *Boundary.* `"natural"` leaves it free, with the whole of eq. (12); `"tangential"` has fields run along it, ω(n) = 0,
+    which leaves −k_g a² of eq. (12). Flat Killing fields are exact in the former, to rounding.
+
+    *Where ⋆₁ is not positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation. Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle
+    has ⋆₁ < 0 and cannot be flipped. In its face, and where obtuse faces follow behind, B gets s_f (dω)_f² with
+    s_f = |cot α cot β cot γ|, twice what makes the face's part positive: of the order of h² beside ∫|ω|². Negative ⋆₁ of
+    inner edges stay, and the eigensolver then reports an indefinite B.
 
     *Where ⋆₁ is zero.* Two faces inscribed in one circle, of which regular grids are full, give their common edge no mass.
-    Its row of A x = λ B x is then (d₁ᵀ⋆₂d₁ω)_e = 0: the curl is the same in both faces, which act as one polygon, and the
-    eigenproblem on the other unknowns is well posed. To keep B definite, weights within `negligible_weight` of zero count
-    as that weight in B (not in A). This lowers eigenvalues by a fraction of about that size, 5e-7 in float64, far less than
-    their error; derivatives are those of ⋆₁ itself.
+    Its row of A x = λ B x is then (d₁ᵀ⋆₂d₁ω)_e = 0: the curl is the same in both faces, which act as one
+    polygon, and the eigenproblem on the other unknowns is well posed. To keep B definite, weights within
+    `negligible_weight` of zero count as that weight in B (not in A). This lowers eigenvalues by a fraction of about that
+    size, 5e-7 in float64, far less than their error; derivatives are those of ⋆₁ itself.
     """
 
     delaunay: bool = eqx.field(static=True, default=True)
-    """False for the paper's operator on the triangulation as it is, for meshes that are Delaunay or to see what it does."""
+    """False for the triangulation as it is, for meshes that are Delaunay or to see what it does."""
     flip_capacity: int = eqx.field(static=True, default=1)
     """Room for edge flips, see `intrinsic_delaunay`."""
+    curvature: str = eqx.field(static=True, default="vertex")
+    """`"vertex"` or `"edge"`, as in the paper."""
+    boundary: str = eqx.field(static=True, default="natural")
+    """`"natural"` or `"tangential"`."""
+
+    def __check_init__(self) -> None:
+        for name, known in (("curvature", ("vertex", "edge")), ("boundary", ("natural", "tangential"))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}, got {getattr(self, name)!r}")
 
     def triangulation(self, lengths: Float[Array, " E"], topology: Topology) -> IntrinsicDelaunay:
         """The triangulation whose edges carry the unknowns."""
@@ -61,10 +82,7 @@ class Dec(AbstractDiscretization):
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
         surface = self.triangulation(lengths, topology)
         lengths, topology = surface.lengths, surface.topology
-        mass = lx.DiagonalLinearOperator(_positive_mass(cotan_weights(lengths, topology)))
-        return GeneralizedEigenproblem(
-            _stiffness(lengths, topology), lx.TaggedLinearOperator(mass, lx.positive_semidefinite_tag)
-        )
+        return GeneralizedEigenproblem(_stiffness(self, lengths, topology), _mass(lengths, topology))
 
     def to_vertex_vectors(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
@@ -90,15 +108,67 @@ class Dec(AbstractDiscretization):
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
     ) -> Float[Array, ""]:
         surface = self.triangulation(lengths, topology)
-        return coefficients @ _stiffness(surface.lengths, surface.topology).mv(coefficients)
+        return coefficients @ _stiffness(self, surface.lengths, surface.topology).mv(coefficients)
 
 
-def _stiffness(lengths: Float[Array, " E"], topology: Topology) -> lx.AbstractLinearOperator:
-    star1 = hodge1(lengths, topology)
-    curvature = lx.DiagonalLinearOperator(_edge_curvatures(lengths, topology))
-    boundary = lx.DiagonalLinearOperator(_boundary_term(lengths, topology))
-    R = curl_curl(lengths, topology) + 2 * grad_div(lengths, topology) - 2 * (star1 @ curvature)
+@eqx.filter_jit
+def _stiffness(dec: Dec, lengths: Float[Array, " E"], topology: Topology) -> lx.AbstractLinearOperator:
+    dtype, edges = lengths.dtype, topology.edges
+    weights = cotan_weights(lengths, topology)
+    vectors = _vertex_vectors(lengths, topology)
+    at_ends = vectors.of.values.reshape(-1, 2, 2)
+    divergence = weights[:, None] * jnp.asarray([[-1.0, 1.0]], dtype)  # ⋆₁d₀
+    at_vertices = jnp.zeros((topology.n_vertices, 2, 2), dtype)
+    if dec.curvature == "vertex":
+        defects = jnp.minimum(angle_defects(lengths, topology), _LARGEST_DEFECT)
+        at_vertices = defects[:, None, None] * jnp.eye(2, dtype=dtype)[None]
+    if dec.boundary == "natural":
+        free = free_boundary(vectors, lengths, topology)
+        divergence = divergence + jnp.einsum("evc,evc->ev", at_ends, free.half_lengths_inward[edges])
+        at_vertices = at_vertices - free.turns
+        rest = -2 * (free.rises + free.rises.T)
+    else:
+        rest = tangential_boundary_term(lengths, topology)
+    if dec.curvature == "edge":
+        rest = rest - 4 * _edge_curvature(lengths, topology)
+    divergence = RowSparseOperator(edges, divergence, topology.n_vertices)
+    per_area = lx.DiagonalLinearOperator(1 / _dual_areas(lengths, topology))
+    turned = jnp.einsum("evc,evcd->evd", at_ends, at_vertices[edges]).reshape(-1, 4)
+    local = RowSparseOperator(vectors.of.columns, turned, 2 * topology.n_vertices) @ vectors
+    A = 2 * curl_curl(lengths, topology) + 4 * (divergence @ per_area @ divergence.T) - 4 * local + rest
+    return lx.TaggedLinearOperator(A, lx.symmetric_tag)
+
+
+_LARGEST_DEFECT)
+        curvature = vectors.T @ lx.DiagonalLinearOperator(jnp.repeat(defects, 2)) @ vectors
+    else:
+        curvature = _edge_curvature(lengths, topology)
+    R = curl_curl(lengths, topology) + 2 * (divergence.T @ per_area @ divergence) - 2 * curvature
     return lx.TaggedLinearOperator(2 * R + boundary, lx.symmetric_tag)
+
+
+_LARGEST_DEFECT = np.pi / 2
+_LEAST_SHARE = 0.1  # circumcentric over barycentric area: below it only beside obtuse angles on a boundary
+
+
+def _dual_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " V"]:
+    """⋆₀, circumcentric; at least a tenth of the barycentric area, since it may be negative beside a boundary."""
+    least = _LEAST_SHARE * barycentric_vertex_areas(lengths, topology)
+    return jnp.maximum(circumcentric_vertex_areas(lengths, topology), least)
+
+
+def _vertex_vectors(lengths: Float[Array, " E"], topology: Topology) -> TransposedRowSparseOperator:
+    """ω ↦ ω^♯ at the vertices, with ⋆₁ for weights: edges of none count for nothing, so that a flip changes nothing."""
+    weights = jnp.abs(_positive_mass(cotan_weights(lengths, topology)))
+    return sharp_operator(lengths, topology, weights)
+
+
+def _edge_curvature(lengths: Float[Array, " E"], topology: Topology) -> lx.AbstractLinearOperator:
+    """⋆₁G, G_ij = ½ (k_i/⋆₀_i + k_j/⋆₀_j). Paper, §3.2."""
+    pointwise = angle_defects(lengths, topology) / circumcentric_vertex_areas(lengths, topology)
+    return lx.DiagonalLinearOperator(
+        cotan_weights(lengths, topology) * pointwise[topology.edges].mean(axis=1)
+    )
 
 
 def negligible_weight(dtype: DTypeLike) -> float:
@@ -111,26 +181,37 @@ def negligible_weight(dtype: DTypeLike) -> float:
     return float(np.finfo(dtype).eps) ** 0.4
 
 
+@eqx.filter_jit
+def _mass(lengths: Float[Array, " E"], topology: Topology) -> lx.AbstractLinearOperator:
+    """B: ⋆₁, made positive."""
+    curl = d1(topology, lengths.dtype)
+    weights = lx.DiagonalLinearOperator(_positive_mass(cotan_weights(lengths, topology)))
+    stabilizer = lx.DiagonalLinearOperator(_boundary_stabilizer(lengths, topology))
+    mass = weights + curl.T @ stabilizer @ curl
+    return lx.TaggedLinearOperator(mass, (lx.symmetric_tag, lx.positive_semidefinite_tag))
+
+
 def _positive_mass(weights: Float[Array, " E"]) -> Float[Array, " E"]:
     least = negligible_weight(weights.dtype)
     lift = jnp.where(jnp.abs(weights) < least, least - weights, 0.0)
     return weights + jax.lax.stop_gradient(lift)
 
 
-def _edge_curvatures(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " E"]:
-    """G_ij = ½ (k_i/⋆₀_i + k_j/⋆₀_j): Gauss curvature at each edge, pointwise. Unit: length⁻². Paper, §3.2."""
-    pointwise = angle_defects(lengths, topology) / circumcentric_vertex_areas(lengths, topology)
-    return pointwise[topology.edges].mean(axis=1)
+def _boundary_stabilizer(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
+    """s_f: |cot α cot β cot γ| in obtuse faces from which longest sides lead, through obtuse faces only, to the boundary.
 
-
-def _boundary_term(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " E"]:
-    """Diagonal of 4∮(−k_g a²)ds for a form whose normal part vanishes, a = ω/ℓ along boundary edges. Eq. (12)."""
-    on_boundary = topology.is_boundary_edge
-    boundary_length = jnp.where(on_boundary, lengths, 0.0)
-    at_vertices = jnp.zeros(topology.n_vertices, lengths.dtype)
-    for end in range(2):
-        at_vertices = at_vertices.at[topology.edges[:, end]].add(0.5 * boundary_length)
-    pointwise = geodesic_curvatures(lengths, topology) / jnp.where(
-        topology.is_boundary_vertex, at_vertices, 1.0
-    )
-    return jnp.where(on_boundary, -4 * pointwise[topology.edges].mean(axis=1) / lengths, 0.0)
+    ½ diag(cot) + s 11ᵀ, the face's part of B, is positive for s above half of this. Across any other side of these faces
+    lies an angle that is not obtuse, so what remains of ⋆₁ there is not negative.
+    """
+    cotangents = corner_cotangents(lengths, topology)
+    face = jnp.arange(topology.n_faces, dtype=topology.faces.dtype)
+    longest = (jnp.argmin(cotangents, axis=1).astype(face.dtype) + 1) % 3
+    halfedges = topology.edge_halfedges[topology.face_edges[face, longest]]
+    behind = jnp.where(halfedges[:, 0] == 3 * face + longest, halfedges[:, 1], halfedges[:, 0])
+    obtuse = cotangents.min(axis=1) < 0
+    outside = topology.n_faces
+    following = jnp.where(obtuse, jnp.where(behind < 0, outside, behind // 3), face)
+    following = jnp.append(following, jnp.asarray(outside, face.dtype))
+    doublings = int(np.ceil(np.log2(topology.n_faces + 1)))
+    reached = jax.lax.fori_loop(0, doublings, lambda _, f: f[f], following)[:-1]
+    return jnp.where(reached == outside, jnp.abs(cotangents.prod(axis=1)), 0.0)

@@ -7,13 +7,18 @@ from ..geometry import edge_lengths, project, vertex_frames
 from ..mesh import TriangleMesh
 from ._dec import Dec
 from ._discretization import AbstractDiscretization
+from ._on_delaunay import OnIntrinsicDelaunay
 from ._regge import Regge, energy_density
 
-_BY_NAME: dict[str, AbstractDiscretization] = {"regge": Regge(), "dec": Dec()}
+_BY_NAME: dict[str, AbstractDiscretization] = {
+    "regge": Regge(),
+    "dec": Dec(),
+    "regge-delaunay": OnIntrinsicDelaunay(Regge()),
+}
 
 
 def discretization_named(discretization: str | AbstractDiscretization) -> AbstractDiscretization:
-    """`"regge"` or `"dec"` as an object; an object as it is.
+    """`"regge"`, `"dec"` or `"regge-delaunay"` as an object; an object as it is.
 
     Raises:
         ValueError: another name.

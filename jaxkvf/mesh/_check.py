@@ -112,6 +112,8 @@ def _errors(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -
     usable = np.setdiff1d(valid, repeated)
     flat = usable[_defects.flat_faces(vertices, faces[usable])]
     _add(found, "faces of zero area", "face", flat, "repair(…, drop_degenerate=True)")
+    beyond = usable[_defects.beyond_range(vertices, faces[usable])]
+    _add(found, "faces beyond the range of the dtype", "face", beyond, "rescale the mesh, or use float64")
 
     in_range = np.setdiff1d(np.arange(len(faces)), outside)
     unused = _defects.unreferenced(faces[in_range], len(vertices))

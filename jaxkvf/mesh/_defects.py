@@ -43,6 +43,16 @@ def flat_faces(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
         return np.flatnonzero(~(twice_area > 8 * np.finfo(vertices.dtype).eps * longest * longest))
 
 
+def beyond_range(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, " n"]:
+    """Faces with a side whose fourth power, of which areas are made, overflows or underflows the dtype of `vertices`."""
+    corner = vertices[faces].astype(np.float64)
+    with np.errstate(over="ignore", under="ignore", divide="ignore"):
+        side = np.abs(corner - np.roll(corner, 1, axis=1)).max(axis=2)
+        magnitude = np.abs(np.log2(side))  # zero lengths are another matter
+    limit = np.finfo(vertices.dtype).maxexp / 4 - 4
+    return np.flatnonzero(((magnitude > limit) & (side > 0)).any(axis=1))
+
+
 def repeated_faces(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, " n"]:
     """Faces over the same three vertices as an earlier one, in whatever order."""
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ._defects import Gluing
 from ._io import read_mesh, write_mesh
 from ._topology import Topology
 from ._validation import check_areas_positive, checked_vertices
@@ -61,6 +62,22 @@ class TriangleMesh(eqx.Module):
     def faces(self) -> Int[Array, "F 3"]:
         return self.topology.faces
 
+    def submesh(self, region: object) -> tuple["TriangleMesh", Int[np.ndarray, " n"]]:
+        """The piece made of some faces, and the vertex of this mesh that each of its vertices is. On the host.
+
+        Where faces of the piece touch in a vertex only, each fan gets a copy of it.
+
+        Args:
+            region: the faces, as a mask `[F]` or as their numbers.
+
+        Raises:
+            ValueError: a mask of another length, numbers out of range or repeated, or no face at all.
+        """
+        chosen = _chosen_faces(np.asarray(region), self.topology.n_faces)
+        faces = np.asarray(self.faces)[chosen].astype(np.int64)
+        fan, owner = Gluing.of(faces, self.topology.n_vertices).fans()
+        return TriangleMesh(self.vertices[owner], Topology.from_faces(fan.reshape(-1, 3), len(owner))), owner
+
     def with_vertices(self, vertices: Float[Array, "V 3"]) -> "TriangleMesh":
         """The same connectivity at other positions: the entry for `grad`, `jit` and `vmap`. Values are not checked.
 
@@ -73,3 +90,21 @@ class TriangleMesh(eqx.Module):
                 f"with_vertices needs shape [{self.topology.n_vertices}, 3], got {list(vertices.shape)}"
             )
         return TriangleMesh(vertices, self.topology)
+
+
+def _chosen_faces(region: np.ndarray, n_faces: int) -> Int[np.ndarray, " n"]:
+    if region.dtype == bool:
+        if region.shape != (n_faces,):
+            raise ValueError(
+                f"a region given as a mask must have shape [{n_faces}], one a face, got {list(region.shape)}"
+            )
+        region = np.flatnonzero(region)
+    if region.ndim != 1 or not np.issubdtype(region.dtype, np.integer):
+        raise ValueError(
+            f"a region must be a mask or numbers of faces, got {region.dtype} of shape {list(region.shape)}"
+        )
+    if not region.size:
+        raise ValueError("the region has no face")
+    if region.min() < 0 or region.max() >= n_faces or len(np.unique(region)) < len(region):
+        raise ValueError(f"a region must name faces 0…{n_faces - 1}, each once")
+    return region.astype(np.int64)

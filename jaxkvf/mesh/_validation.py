@@ -140,13 +140,20 @@ def check_areas_positive(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarr
     """Every triangle is thicker than the rounding of its own coordinates allows to tell from a segment.
 
     Raises:
-        MeshError: a triangle whose height is lost in the rounding of its positions (at the dtype of `vertices`).
+        MeshError: a triangle whose height is lost in the rounding of its positions, or whose sides leave its range (at the
+            dtype of `vertices`).
     """
     flat = _defects.flat_faces(vertices, faces)
     with np.errstate(over="ignore"):
         extent = np.ptp(vertices[faces.ravel()], axis=0).max()
     if not 0 < extent < np.inf:
         raise MeshError("all vertices coincide, or lie too far apart for their dtype")
+    beyond = _defects.beyond_range(vertices, faces)
+    if beyond.size:
+        raise MeshError(
+            f"{name_first('face', beyond)}: sides so long or short that areas leave the range of {vertices.dtype}; "
+            "rescale the mesh, or use float64"
+        )
     if flat.size:
         raise MeshError(
             f"degenerate {name_first('face', flat)}: zero area (face {flat[0]} has corners "

@@ -1,0 +1,141 @@
+"""Pieces of a surface: regions, local symmetry, decomposition, components."""
+
+import numpy as np
+import pytest
+
+from jaxkvf import (
+    DenseEigh,
+    TriangleMesh,
+    component_shares,
+    killing_eigenvalues,
+    killing_fields,
+    local_symmetry,
+    shapes,
+    symmetric_parts,
+)
+from jaxkvf.geometry import edge_lengths, intrinsic_delaunay, surface_area
+from jaxkvf.parts import _Surface
+
+
+def two_spheres() -> TriangleMesh:
+    a, b = shapes.ellipsoid(3), shapes.icosphere(3)
+    n = a.topology.n_vertices
+    vertices = np.concatenate([np.asarray(a.vertices), np.asarray(b.vertices) + 5])
+    return TriangleMesh.from_arrays(vertices, np.concatenate([np.asarray(a.faces), np.asarray(b.faces) + n]))
+
+
+def test_a_region_is_the_mesh_of_its_faces():
+    mesh = shapes.icosphere(4)
+    mask = np.asarray(mesh.vertices)[np.asarray(mesh.faces)][..., 2].min(axis=1) > 0.2
+    piece, origins = mesh.submesh(mask)
+    assert piece.topology.boundary_loops()[0] == 1
+    np.testing.assert_array_equal(piece.vertices, np.asarray(mesh.vertices)[origins])
+    fields = killing_fields(mesh, 2, region=mask, solver=DenseEigh())
+    np.testing.assert_allclose(
+        fields.eigenvalues, killing_eigenvalues(piece, 2, solver=DenseEigh()), atol=1e-10
+    )
+    by_number = killing_fields(mesh, 2, region=np.flatnonzero(mask), solver=DenseEigh())
+    np.testing.assert_allclose(by_number.eigenvalues, fields.eigenvalues, atol=1e-12)
+    speed = np.linalg.norm(np.asarray(fields.vectors), axis=2)
+    outside = np.setdiff1d(np.arange(mesh.topology.n_vertices), origins)
+    assert not speed[:, outside].any() and (speed[0, origins] > 0).any()
+
+
+def test_faces_that_touch_in_a_point_are_cut_there():
+    mesh = shapes.icosphere(3)
+    around = np.flatnonzero((np.asarray(mesh.faces) == 20).any(axis=1))
+    ring = (
+        np.asarray(mesh.topology.spoke_corners)[np.asarray(mesh.topology.spoke_starts)[20] :][: len(around)]
+        // 3
+    )
+    piece, origins = mesh.submesh(ring[[0, 2]])
+    assert piece.topology.components()[0] == 2 and (origins == 20).sum() == 2
+
+
+def test_what_is_no_region_is_refused():
+    mesh = shapes.icosphere(1)
+    for region, message in (
+        (np.zeros(20, bool), "has no face"),
+        (np.ones(3, bool), r"must have shape \[20\]"),
+        ([0, 99], "must name faces"),
+        ([0, 0], "each once"),
+        ([0.5], "a mask or numbers"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            killing_fields(mesh, 1, region=region)
+
+
+def test_components_are_told_apart():
+    mesh = two_spheres()
+    count, component = mesh.topology.components()
+    assert count == 2
+    fields = killing_fields(mesh, 6, solver=DenseEigh())
+    shares = component_shares(mesh, fields)
+    np.testing.assert_allclose(shares.sum(axis=1), 1)
+    apart = [
+        killing_eigenvalues(
+            mesh.submesh(component[np.asarray(mesh.faces)[:, 0]] == c)[0], 6, solver=DenseEigh()
+        )
+        for c in range(2)
+    ]
+    np.testing.assert_allclose(fields.eigenvalues, np.sort(np.concatenate(apart))[:6], rtol=1e-9, atol=1e-12)
+    slow = killing_fields(mesh, 6, region=component[np.asarray(mesh.faces)[:, 0]] == 0, solver=DenseEigh())
+    np.testing.assert_allclose(component_shares(mesh, slow)[:, 0], 1)
+
+
+def test_a_piece_has_the_matrices_of_regge():
+    """The whole of a closed surface is its `regge` on the intrinsic Delaunay triangulation; a flat piece has a symmetry."""
+    mesh = shapes.random_sphere(200, seed=4, radii=(1.0, 1.5, 2.0))
+    whole = _Surface(mesh).lowest(np.arange(mesh.topology.n_faces))
+    found = intrinsic_delaunay(mesh)
+    area = surface_area(found.lengths, found.topology)
+    expected = killing_eigenvalues(mesh, 1, discretization="regge-delaunay", solver=DenseEigh())[0] * area
+    np.testing.assert_allclose(whole, expected, rtol=1e-7)
+    disk = _Surface(shapes.disk(6))
+    assert disk.lowest(np.arange(100)) < 1e-10
+
+
+def test_local_symmetry_tells_a_smooth_end_from_a_bumpy_one():
+    sphere = shapes.ellipsoid(8, (0.6, 0.6, 2.0))
+    x = np.array(sphere.vertices)
+    bumpy = x[:, 2] > 0.4
+    angle = np.arctan2(x[:, 1], x[:, 0])
+    x[:, :2] *= (
+        1 + np.where(bumpy, 0.35 * np.clip(x[:, 2] - 0.4, 0, 0.4) / 0.4 * np.cos(3 * angle), 0.0)[:, None]
+    )
+    mesh = sphere.with_vertices(x)
+    found = local_symmetry(mesh, 1.0, samples=12)
+    assert found.values.shape == (mesh.topology.n_vertices,) and (found.sample_values >= -1e-9).all()
+    z = x[:, 2]
+    assert np.median(found.values[z > 0.9]) > 10 * np.median(found.values[z < -0.9])
+
+    parts = symmetric_parts(mesh, 0.05, most=2, samples=6)
+    assert (parts.values <= 0.05).all() and len(parts.values) >= 1
+    largest = parts.vertex_parts == 0
+    assert z[largest].mean() < 0 and largest.sum() > 0.3 * len(z)
+    area = surface_area(edge_lengths(mesh.vertices, mesh.topology), mesh.topology)
+    assert 0.25 * area < parts.areas[0] < area
+
+
+def test_wrong_arguments_are_refused():
+    mesh = shapes.icosphere(1)
+    for bad in (
+        lambda: local_symmetry(mesh, 0.0),
+        lambda: local_symmetry(mesh, 1.0, samples=0),
+        lambda: symmetric_parts(mesh, -1.0),
+    ):
+        with pytest.raises(ValueError, match="must be positive"):
+            bad()
+
+
+@pytest.mark.slow
+def test_the_hammers_handle_is_more_symmetric_than_its_head(real_mesh_folder):
+    mesh = TriangleMesh.load(real_mesh_folder / "hammer.obj")
+    x = np.asarray(mesh.vertices)
+    axis = np.ptp(x, axis=0).argmax()
+    along = (x[:, axis] - x[:, axis].min()) / np.ptp(x[:, axis])
+    across = np.ptp(x, axis=0)[np.arange(3) != axis].max()
+    found = local_symmetry(mesh, 0.6 * across, samples=40)
+    ends = [np.median(found.values[part]) for part in (along < 0.12, along > 0.88)]
+    middle = np.median(found.values[(along > 0.35) & (along < 0.65)])
+    assert max(ends) > 10 * middle
