@@ -138,6 +138,15 @@ def test_negative_numbers_count_back_from_the_face(tmp_path: Path):
     assert read_mesh(put(tmp_path, "a.obj", text))[1].tolist() == [[0, 1, 2], [0, 1, 3]]
 
 
+def test_a_statement_may_go_on_over_several_lines(tmp_path: Path):
+    path = tmp_path / "mesh.obj"
+    path.write_bytes((V + "f 1 \\\n 3 \\\r\n 2\n" + F.partition("\n")[2] + "f 1 2 x\n").encode())
+    with pytest.raises(MeshError, match="line 11: 'f 1 2 x'"):
+        read_mesh(path)
+    path.write_bytes((V + "f 1 \\\n 3 \\\r\n 2\n" + F.partition("\n")[2]).encode())
+    np.testing.assert_array_equal(read_mesh(path)[1], FACES)
+
+
 def test_float32_is_read_as_the_same_numbers(tmp_path: Path):
     for name, content in {
         "a.ply": ply(LITTLE, scalar="float"),

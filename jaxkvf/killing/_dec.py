@@ -46,10 +46,11 @@ class Dec(AbstractDiscretization):
     *Boundary.* `"natural"` leaves it free, with the whole of eq. (12); `"tangential"` has fields run along it, ω(n) = 0,
     which leaves −k_g a² of eq. (12). Flat Killing fields are exact in the former, to rounding.
 
-    *Where ⋆₁ is not positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation. Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle
-    has ⋆₁ < 0 and cannot be flipped. In its face, and where obtuse faces follow behind, B gets s_f (dω)_f² with
-    s_f = |cot α cot β cot γ|, twice what makes the face's part positive: of the order of h² beside ∫|ω|². Negative ⋆₁ of
-    inner edges stay, and the eigensolver then reports an indefinite B.
+    *Where ⋆₁ is not positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation (`triangulation`).
+    Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle has ⋆₁ < 0 and cannot be flipped. In its face, and
+    where obtuse faces follow behind, B gets s_f (dω)_f² with s_f = |cot α cot β cot γ|, twice what makes the face's part
+    positive: of the order of h² beside ∫|ω|². On a triangulation that is not Delaunay negative ⋆₁ of inner edges stay, and
+    the eigensolver then reports an indefinite B.
 
     *Where ⋆₁ is zero.* Two faces inscribed in one circle, of which regular grids are full, give their common edge no mass.
     Its row of A x = λ B x is then (d₁ᵀ⋆₂d₁ω)_e = 0: the curl is the same in both faces, which act as one
@@ -137,14 +138,6 @@ def _stiffness(dec: Dec, lengths: Float[Array, " E"], topology: Topology) -> lx.
     local = RowSparseOperator(vectors.of.columns, turned, 2 * topology.n_vertices) @ vectors
     A = 2 * curl_curl(lengths, topology) + 4 * (divergence @ per_area @ divergence.T) - 4 * local + rest
     return lx.TaggedLinearOperator(A, lx.symmetric_tag)
-
-
-_LARGEST_DEFECT)
-        curvature = vectors.T @ lx.DiagonalLinearOperator(jnp.repeat(defects, 2)) @ vectors
-    else:
-        curvature = _edge_curvature(lengths, topology)
-    R = curl_curl(lengths, topology) + 2 * (divergence.T @ per_area @ divergence) - 2 * curvature
-    return lx.TaggedLinearOperator(2 * R + boundary, lx.symmetric_tag)
 
 
 _LARGEST_DEFECT = np.pi / 2

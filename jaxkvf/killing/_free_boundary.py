@@ -40,7 +40,7 @@ class FreeBoundary(NamedTuple):
 def free_boundary(
     vectors: lx.AbstractLinearOperator, lengths: Float[Array, " E"], topology: Topology
 ) -> FreeBoundary:
-    """The terms above, for ω ↦ u given by `vectors`, edges → 2 V vector components, exact for constant fields in the plane."""
+    """The terms above, with ω ↦ u given by `vectors`, edges → 2 V components, exact for constant fields in the plane."""
     n_vertices, dtype = topology.n_vertices, lengths.dtype
     side = jnp.where(topology.edge_halfedges[:, 0] >= 0, 1.0, -1.0).astype(dtype)
     side = jnp.where(topology.is_boundary_edge, side, 0.0)  # +1: the surface lies on the left of the edge

@@ -8,6 +8,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
+from ._errors import check_fits
+
 
 def not_finite(vertices: Float[np.ndarray, "V 3"]) -> Int[np.ndarray, " n"]:
     """Vertices with a NaN or infinite coordinate."""
@@ -62,9 +64,15 @@ def repeated_faces(faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, " n"]:
 
 
 def coincident(vertices: Float[np.ndarray, "V 3"], tolerance: float = 0.0) -> Int[np.ndarray, " V"]:
-    """For each vertex the first one at its position; with a tolerance, the first of its chain of neighbours within it."""
+    """For each vertex the first one at its position; with a tolerance, the first of its chain of neighbours within it.
+
+    Raises:
+        MeshTooLargeError: the tolerance is so large that the pairs within it do not fit into memory.
+    """
     if tolerance > 0:
-        pairs = KDTree(vertices).query_pairs(tolerance, output_type="ndarray")
+        tree = KDTree(vertices)
+        check_fits(24 * int(tree.count_neighbors(tree, tolerance)), f"merging vertices within {tolerance:g}")
+        pairs = tree.query_pairs(tolerance, output_type="ndarray")
         graph = coo_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(vertices), len(vertices)))
         _, group = connected_components(graph, directed=False)
     else:

@@ -45,10 +45,18 @@ def encode_obj(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 
 
 def _join_continued_lines(data: bytes) -> bytes:
-    r"""Joins a line that ends in `\` to the next, and keeps the count of lines by a blank one."""
-    while b"\\\n" in data or b"\\\r" in data:
-        data = re.sub(rb"\\(\r\n|\n|\r)([^\r\n]*)", rb" \2\1", data)
-    return data
+    r"""Joins a line that ends in `\` to the next, and keeps the count of lines by blank ones behind it."""
+    first, *rest = re.split(rb"\\(?:\r\n|\n|\r)", data)
+    joined, owed = [first], 0
+    for piece in rest:
+        owed += 1
+        end = re.search(rb"[\r\n]", piece)
+        if end is None:
+            joined += [b" ", piece]
+        else:
+            joined += [b" ", piece[: end.start()], b"\n" * owed, piece[end.start() :]]
+            owed = 0
+    return b"".join(joined)
 
 
 def _vertex_numbers(faces: Lines) -> Int[np.ndarray, "F 3"]:
