@@ -44,7 +44,7 @@ class SymmetricParts(NamedTuple):
     """Unit: length²."""
 
 
-def local_symmetry(mesh: TriangleMesh, radius: float, *, samples: int = 64) -> LocalSymmetry:
+def local_symmetry(mesh: TriangleMesh, radius: float | int, *, samples: int = 64) -> LocalSymmetry:
     """Lowest λ · area of geodesic balls of this radius, as a map over the surface.
 
     A handle or neck shows as a valley. So do flat places, which have three symmetries: choose a radius at which what you
@@ -74,7 +74,7 @@ def local_symmetry(mesh: TriangleMesh, radius: float, *, samples: int = 64) -> L
 
 
 def symmetric_parts(
-    mesh: TriangleMesh, tolerance: float, *, most: int = 8, samples: int = 32
+    mesh: TriangleMesh, tolerance: float | int, *, most: int = 8, samples: int = 32
 ) -> SymmetricParts:
     """Cuts off the largest piece with a nearly exact symmetry, then the largest of what is left, and so on. Greedy.
 
@@ -126,7 +126,7 @@ def component_shares(mesh: TriangleMesh, fields: KillingFields) -> Float[np.ndar
     return shares / shares.sum(axis=1, keepdims=True)
 
 
-def _check_positive(name: str, value: float) -> None:
+def _check_positive(name: str, value: float | int) -> None:
     if not 0 < value < np.inf:
         raise ValueError(f"{name} must be positive, got {value!r}")
 

@@ -244,6 +244,7 @@ def test_any_choice_of_repairs(soup, steps):
     np.testing.assert_array_equal(done.vertices, soup[0][done.vertex_origins])
 
 
+@pytest.mark.slow
 def test_extreme_scales_and_places():
     """λ · area is the same from 1e-12 to 1e12 (1e-6 to 1e6 in float32), and far from the origin."""
     mesh = shapes.ellipsoid(4)
