@@ -63,7 +63,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     fields.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
     fields.add_argument("-k", type=positive, default=6, help="number of fields (default: 6)")
-    fields.add_argument("--discretization", choices=("regge", "dec"), default="regge")
+    fields.add_argument("--discretization", choices=("regge", "regge-delaunay", "dec"), default="regge")
     fields.add_argument(
         "-o", "--output", type=with_suffix(".npz"), metavar="NPZ", help="write eigenvalues and vectors here"
     )
