@@ -42,6 +42,7 @@ def test_fields_as_json(mesh_file, capsys):
     assert report["vertices"] == 162 and len(report["residuals"]) == 3 and report["picture"] is None
 
 
+@pytest.mark.slow
 def test_symmetrize_writes_a_symmetric_mesh_and_a_picture(mesh_file, capsys):
     arguments = ["-o", "out.ply", "--json", "--picture", "out.png", "--changes", "changes.ply"]
     code = cli.main(["symmetrize", str(mesh_file), *arguments])

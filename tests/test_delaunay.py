@@ -475,6 +475,7 @@ def test_flips_change_nothing_on_a_delaunay_mesh():
     assert eqx.tree_equal(plain, flipped)
 
 
+@pytest.mark.slow
 def test_fields_come_back_in_the_frames_of_the_mesh():
     """Eigenfields of `dec` over thousands of flips are those of `regge`, which knows nothing of them."""
     mesh = random_spheroid(2562)
@@ -489,6 +490,7 @@ def test_fields_come_back_in_the_frames_of_the_mesh():
     np.testing.assert_allclose(np.linalg.svd(overlap[1:3, 1:3])[1], 1, atol=2e-3)  # a pair turns freely
 
 
+@pytest.mark.slow
 def test_eigenvalues_follow_the_vertices_across_flips():
     """Their derivative is right, and they stay continuous where edges change over to the other diagonal."""
     mesh, _, direction = differentiated()
@@ -569,6 +571,7 @@ def test_a_grid_without_weight_is_like_a_mesh_beside_it():
     np.testing.assert_allclose(exact, near, rtol=5e-3, atol=1e-4 * exact[-1])
 
 
+@pytest.mark.slow
 def test_derivatives_where_weights_leave_zero():
     """Shortening the diagonals gives them weight at once; the derivative is that from this side."""
     lengths, topology = surface(grid_torus(16, 10))

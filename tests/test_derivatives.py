@@ -210,6 +210,7 @@ def test_the_three_rotations_of_a_sphere_are_one_cluster():
     np.testing.assert_allclose((gradient * turning).sum(), 0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_inside_a_larger_jitted_loss(noisy):
     """λ₀ · area next to a network's loss, say: one gradient through both, equal to finite differences."""
 

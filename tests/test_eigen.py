@@ -47,6 +47,7 @@ def test_prescribed_spectrum(solver):
     assert solution.result == eigen.RESULTS.successful
 
 
+@pytest.mark.slow
 def test_solvers_agree_on_a_mesh():
     mesh = shapes.ellipsoid(6)
     lengths = g.edge_lengths(mesh.vertices, mesh.topology)

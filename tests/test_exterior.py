@@ -109,7 +109,11 @@ def rotation_field(mesh):
 
 
 @pytest.mark.parametrize(
-    "make", [shapes.icosphere, lambda n: shapes.torus(3 * n, n)], ids=["sphere", "torus"]
+    "make",
+    [
+        pytest.param(shapes.icosphere, id="sphere"),
+        pytest.param(lambda n: shapes.torus(3 * n, n), id="torus", marks=pytest.mark.slow),
+    ],
 )
 def test_sharp_undoes_flat(make):
     errors = []

@@ -172,6 +172,7 @@ def test_derivative_of_the_sum_of_the_spheres_triple(discretization):
         np.testing.assert_allclose(reverse, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivative_with_respect_to_lengths(noisy_spheroid):
     mesh = noisy_spheroid
     lengths = g.edge_lengths(mesh.vertices, mesh.topology)
@@ -184,6 +185,7 @@ def test_derivative_with_respect_to_lengths(noisy_spheroid):
     np.testing.assert_allclose((jax.grad(lowest)(lengths) * direction).sum(), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_vmap_over_vertices(noisy_spheroid):
     mesh = noisy_spheroid
     batch = jnp.stack([mesh.vertices, 2 * mesh.vertices, shapes.ellipsoid(6, (1, 1, 1.3)).vertices])

@@ -29,7 +29,7 @@ def rotation_about_z(mesh):
 
 
 @pytest.mark.parametrize("discretization", [Regge(), Dec()], ids=["regge", "dec"])
-@pytest.mark.parametrize("name", ["sphere", "torus"])
+@pytest.mark.parametrize("name", ["sphere", pytest.param("torus", marks=pytest.mark.slow)])
 def test_matrices_are_symmetric_and_agree_with_products(name, discretization):
     problem = problem_on(MESHES[name](), discretization)
     rng = np.random.default_rng(0)
@@ -51,6 +51,7 @@ def test_regge_is_positive_semi_definite(name):
     assert values[0] >= -1e-12 * values[-1]
 
 
+@pytest.mark.slow
 def test_regge_energy_is_its_definition():
     """Against area · ‖Σ h_e S_e‖² with the tensors written out in each face's plane."""
     mesh = shapes.random_sphere(30, seed=3)

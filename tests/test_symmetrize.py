@@ -80,6 +80,7 @@ def small():
     return shapes.add_normal_noise(shapes.ellipsoid(4), 0.05, seed=2)
 
 
+@pytest.mark.slow
 def test_it_goes_on_from_a_saved_state_and_leaves_its_input_alone(small, tmp_path):
     copy = np.array(small.vertices)
     go_on = {"rtol": 0.0, "atol": 0.0}

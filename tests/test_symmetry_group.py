@@ -42,6 +42,7 @@ def whole_period(frequency):
     return found.time / (2 * np.pi / abs(angular)) - 1, change, gap, found
 
 
+@pytest.mark.slow
 def test_a_period_of_a_spheroid_is_nearly_an_isometry():
     error, change, gap, found = whole_period(16)
     assert abs(error) <= 3e-3 and gap <= 0.2
