@@ -202,5 +202,7 @@ def _compute(
     return jax.device_put(_held(solver.compute(held, k, guess)))
 
 
-def _held(problem: _Tree) -> _Tree:
-    return jax.lax.stop_gradient(problem)
+def _held(tree: _Tree) -> _Tree:
+    """The same tree, its arrays constant to derivatives; an operator may hold functions besides."""
+    arrays, others = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.lax.stop_gradient(arrays), others)
