@@ -203,7 +203,9 @@ def test_pictures_repeat_whatever_was_drawn_in_between(offscreen, tmp_path):
     viz.render_mesh(tmp_path / "b.png", ring, g, size=(200, 300), view=viz.Z_UP, smooth=False)
     viz.render_before_after(tmp_path / "b.png", ring, 1.1 * ring, g, vectors_after=about_z(ring))
     viz.render_field(tmp_path / "c.png", x, f, about_z(x), size=SIZE)
-    assert np.abs(read(tmp_path / "a.png") - read(tmp_path / "c.png")).max() <= 2 / 255
+    different = (np.abs(read(tmp_path / "a.png") - read(tmp_path / "c.png")) > 2 / 255).any(axis=2)
+    # A setting left over would change a surface; the renderer's rounding moves single samples on outlines.
+    assert different.mean() < 1e-4
 
 
 def test_a_strip_has_every_field_and_its_caption(offscreen, tmp_path):
