@@ -14,7 +14,17 @@ from .files import write_whole
 from .flows import Period, integral_curves, isometry_error, period, vertex_points
 from .geometry import edge_lengths, mean_edge_length
 from .mesh import TriangleMesh
-from .patterns import emboss, paint, pattern, read_image, save_colored, save_textured, stripes
+from .patterns import (
+    emboss,
+    paint,
+    pattern,
+    read_image,
+    save_colored,
+    save_textured,
+    stripes,
+    texture,
+    texture_coordinates,
+)
 from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
@@ -153,9 +163,10 @@ def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         console.print(f"wrote {options.output}")
 
     def draw(path: Path) -> None:
-        from .viz import render_colored  # noqa: PLC0415
+        from .viz import render_flow_lines  # noqa: PLC0415
 
-        render_colored(path, np.asarray(mesh.vertices), np.asarray(mesh.faces), curves=curves.polylines())
+        x, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+        render_flow_lines(path, x, faces, curves.polylines(), np.asarray(vectors))
 
     drawn = draw_picture(draw, options.picture or Path(f"{options.mesh.stem}-flow.png"), options, console)
     return {
@@ -196,6 +207,7 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     mesh, vectors = _solved(options, console)
     found = period(mesh, vectors)
     report: dict[str, Any] = {"mesh": str(options.mesh), "output": str(output), "period": found.time}
+    made = None
     if options.stripes is not None:
         with console.status("stripes"):
             values = stripes(mesh, vectors, options.copies, direction=options.stripes, time=found.time)
@@ -233,9 +245,13 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     console.print(f"period T = {found.time:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
 
     def draw(path: Path) -> None:
-        from .viz import render_colored  # noqa: PLC0415
+        from .viz import Texture, render_colored, render_pattern  # noqa: PLC0415
 
-        render_colored(path, np.asarray(shape.vertices), np.asarray(shape.faces), colors)
+        x, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
+        if made is None:
+            render_colored(path, x, faces, colors)
+        else:
+            render_pattern(path, x, faces, Texture(*texture_coordinates(made), texture(image)))
 
     picture = options.picture or output.with_name(f"{output.stem}-pattern.png")
     return report | {"picture": draw_picture(draw, picture, options, console)}

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import ModuleType
 
 import jax
 import pytest
@@ -24,3 +25,16 @@ def real_mesh_folder() -> Path:
         reason = f"no meshes in {folder}: set JAXKVF_MESHES to a folder of OBJ files"
         pytest.fail(reason) if os.environ.get("CI") == "true" else pytest.skip(reason)
     return folder
+
+
+@pytest.fixture(scope="session")
+def offscreen() -> ModuleType:
+    """polyscope; skips where nothing can be rendered; in continuous integration that is a failure."""
+    from jaxkvf.viz._session import polyscope  # noqa: PLC0415  not before the tests have put their hook on jaxkvf.viz
+
+    try:
+        return polyscope()
+    except (ImportError, RuntimeError) as error:
+        if os.environ.get("CI", "").lower() in {"1", "true"}:
+            pytest.fail(f"CI must be able to render: {error}")
+        pytest.skip(f"nothing can be rendered here: {error}")

@@ -28,17 +28,6 @@ DISK = np.pi * ((1 - MARGIN) * SIZE[1] / 2) ** 2 / (SIZE[0] * SIZE[1])
 """Share of the picture that a sphere fills."""
 
 
-@pytest.fixture(scope="module")
-def offscreen():
-    """Skips where nothing can be rendered; in continuous integration that is a failure."""
-    try:
-        return _session.polyscope()
-    except (ImportError, RuntimeError) as error:
-        if os.environ.get("CI", "").lower() in {"1", "true"}:
-            pytest.fail(f"CI must be able to render: {error}")
-        pytest.skip(f"nothing can be rendered here: {error}")
-
-
 def sphere(count=900):
     """Unit sphere over Fibonacci points, faces outward."""
     i = np.arange(count)

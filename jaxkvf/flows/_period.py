@@ -70,7 +70,7 @@ def period(mesh: TriangleMesh, vectors: ArrayLike, *, curves: int = 64, seed: in
     if back.any():
         times = _refined(mesh, u, field, start, times)
         origin, there = (np.asarray(surface_positions(mesh, p)) for p in (start, _after(field, start, times)))
-        gaps = np.where(back, np.linalg.norm(there - origin, axis=1) / travelled, np.nan)
+        gaps[back] = np.linalg.norm((there - origin)[back], axis=1) / travelled[back]
     closed = back & (gaps <= _CLOSED)
     if not closed.any():
         raise ValueError(

@@ -8,5 +8,7 @@ from ._decorations import stripes as stripes
 from ._files import read_image as read_image
 from ._files import save_colored as save_colored
 from ._files import save_textured as save_textured
+from ._files import texture as texture
+from ._files import texture_coordinates as texture_coordinates
 from ._pattern import Pattern as Pattern
 from ._pattern import pattern as pattern

@@ -67,7 +67,7 @@ def texture_coordinates(made: Pattern) -> tuple[Float[np.ndarray, "t 2"], Int[np
 
 
 def texture(
-    image: Float[np.ndarray, "H w 3"], background: tuple[float, float, float]
+    image: Float[np.ndarray, "H w 3"], background: tuple[float, float, float] = BACKGROUND
 ) -> UInt8[np.ndarray, "T T 3"]:
     """The image inside a disk, on a square of background that reaches to the margin around it."""
     height, width = image.shape[:2]

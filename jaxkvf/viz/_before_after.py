@@ -7,23 +7,12 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from ..files import write_whole
-from ._arrows import arrows_at
-from ._camera import View, fit_camera
-from ._checks import (
-    checked_count,
-    checked_mesh,
-    checked_positions,
-    checked_size,
-    checked_unit,
-    checked_vectors,
-    png_path,
-)
-from ._colors import SIGNED_MAP, SPEED_MAP, mapped, plain
+from ._camera import View
+from ._checks import checked_mesh, checked_positions, checked_size, checked_unit, png_path
+from ._colors import SIGNED_MAP, SPEED_MAP, mapped
 from ._displacement import color_limits, displacement, mean_edge_length
-from ._material import SOFT, STRONG
 from ._page import ColorBar, Panel, png_of_page, text_height
-from ._photo import Frame, Surface, photograph, shown_points
-from ._samples import spread_evenly
+from ._scene import Scene, pictures_of
 
 
 def render_before_after(
@@ -86,23 +75,13 @@ def render_before_after(
     text = text_height(height)
     top, right = 2 * text, 6 * text
     panel = checked_size(((width - right) // 2, height - top))
-    frame = Frame.around(np.concatenate([before[used], after[used]]))
-    placed = [frame(before), frame(after)]
-    colors, materials = [plain(len(before)), mapped(values, limits, map_name)], [STRONG, SOFT]
-    if vectors_before is not None:
-        speeds = np.linalg.norm(checked_vectors(vectors_before, before), axis=1)
-        colors[0], materials[0] = mapped(speeds, (0.0, float(speeds[used].max())), SPEED_MAP), SOFT
-    scenes = [[Surface(placed[i], faces, colors[i], smooth, materials[i])] for i in range(2)]
-    eye = fit_camera(shown_points(scenes), panel, view).position
-    for scene, vectors in zip(scenes, (vectors_before, vectors_after), strict=True):
-        if vectors is not None:
-            field, mesh = checked_vectors(vectors, before), scene[0]
-            samples = spread_evenly(mesh.vertices, faces, min(checked_count(arrows), len(used)))
-            scene.extend(arrows_at(samples, mesh.vertices, faces, field, eye=eye))
-    camera = fit_camera(shown_points(scenes), panel, view)
+    scenes = [
+        Scene(before, faces, vectors=vectors_before, arrows=arrows),
+        Scene(after, faces, vectors=vectors_after, arrows=arrows, colors=mapped(values, limits, map_name)),
+    ]
     panels = [
-        Panel(photograph(scene, camera, panel), i * panel[0], top, titles[i])
-        for i, scene in enumerate(scenes)
+        Panel(pixels, i * panel[0], top, titles[i])
+        for i, pixels in enumerate(pictures_of(scenes, size=panel, view=view, smooth=smooth))
     ]
     name = "normal displacement" if quantity == "normal" else "displacement"
     box = (2 * panel[0] + 0.6 * text, top + 0.12 * panel[1], 0.7 * text, 0.76 * panel[1])

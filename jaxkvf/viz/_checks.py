@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,20 @@ def checked_vectors(
     return vectors
 
 
+def checked_colors(
+    colors: Float[np.ndarray, "V 3"], vertices: Float[np.ndarray, "V 3"]
+) -> Float[np.ndarray, "V 3"]:
+    """The colours as float64, one for each vertex.
+
+    Raises:
+        ValueError: they are not, or lie outside of 0…1.
+    """
+    colors = checked_vectors(colors, vertices, "colors")
+    if colors.min() < 0 or colors.max() > 1:
+        raise ValueError(f"colors must be within 0…1; got {colors.min():g} … {colors.max():g}")
+    return colors
+
+
 def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     """Width and height of a picture in pixels.
 
@@ -101,6 +116,17 @@ def checked_count(arrows: int) -> int:
     return arrows
 
 
+def checked_at_least_one(name: str, value: int) -> int:
+    """A count.
+
+    Raises:
+        ValueError: it is below 1.
+    """
+    if value < 1:
+        raise ValueError(f"{name} must be at least 1; got {value}")
+    return value
+
+
 def checked_fields(
     vectors: Float[np.ndarray, "k V 3"], vertices: Float[np.ndarray, "V 3"]
 ) -> Float[np.ndarray, "k V 3"]:
@@ -113,6 +139,73 @@ def checked_fields(
     if vectors.ndim != 3 or len(vectors) == 0:
         raise ValueError(f"vectors must be [k, V, 3], k ≥ 1; got {list(vectors.shape)}")
     return np.stack([checked_vectors(field, vertices, f"vectors[{i}]") for i, field in enumerate(vectors)])
+
+
+def checked_texture(
+    coordinates: Float[np.ndarray, "t 2"],
+    corners: Integer[np.ndarray, "G 3"],
+    image: np.ndarray,
+    faces: Integer[np.ndarray, "F 3"],
+) -> tuple[Float[np.ndarray, "t 2"], Integer[np.ndarray, "F 3"], Float[np.ndarray, "H W 3"]]:
+    """Texture coordinates, which of them each corner has, and the image as float64 within 0…1.
+
+    Raises:
+        ValueError: wrong shapes, an index out of range, coordinates not finite, colours out of range.
+    """
+    coordinates, corners, image = np.asarray(coordinates, np.float64), np.asarray(corners), np.asarray(image)
+    if coordinates.ndim != 2 or coordinates.shape[1] != 2 or not np.isfinite(coordinates).all():
+        raise ValueError(f"coordinates must be finite [t, 2]; got {list(coordinates.shape)}")
+    if corners.shape != faces.shape or not np.issubdtype(corners.dtype, np.integer):
+        raise ValueError(f"corners must be integers {list(faces.shape)}, as faces; got {list(corners.shape)}")
+    if corners.min() < 0 or corners.max() >= len(coordinates):
+        raise ValueError(
+            f"corners refer to coordinates {corners.min()} … {corners.max()}, but there are {len(coordinates)}"
+        )
+    image = image / 255 if image.dtype == np.uint8 else image.astype(np.float64)
+    if (
+        image.ndim != 3
+        or image.shape[2] != 3
+        or image.size == 0
+        or not (0 <= image.min() <= image.max() <= 1)
+    ):
+        raise ValueError("image must be [H, W, 3], sRGB within 0…1 or bytes")
+    return coordinates, corners.astype(np.int64), image
+
+
+def checked_series(
+    series: Mapping[str, object], most: int, *, length: int | None = None
+) -> dict[str, Float[np.ndarray, "_"]]:
+    """The curves of a plot as float64.
+
+    Raises:
+        ValueError: none, or more than `most`; one is empty, not finite, no vector, or not of this length.
+    """
+    arrays = {name: np.asarray(values, dtype=np.float64) for name, values in series.items()}
+    if not 1 <= len(arrays) <= most:
+        raise ValueError(f"a plot shows 1 … {most} curves that can be told apart; got {len(arrays)}")
+    for name, values in arrays.items():
+        if values.ndim != 1 or len(values) == 0 or not np.isfinite(values).all():
+            raise ValueError(f"{name!r} must be a finite vector; got shape {list(values.shape)}")
+        if length is not None and len(values) != length:
+            raise ValueError(f"{name!r} must have {length} values; got {len(values)}")
+    return arrays
+
+
+def checked_point_data(
+    point_data: Mapping[str, object], vertices: Float[np.ndarray, "V 3"]
+) -> dict[str, np.ndarray]:
+    """The arrays, each with one row for each vertex.
+
+    Raises:
+        ValueError: one has another length.
+    """
+    arrays = {name: np.asarray(values) for name, values in point_data.items()}
+    for name, values in arrays.items():
+        if values.shape[:1] != (len(vertices),):
+            raise ValueError(
+                f"{name!r} must have one row per vertex: {len(vertices)}; got shape {list(values.shape)}"
+            )
+    return arrays
 
 
 def png_path(path: str | os.PathLike[str]) -> Path:

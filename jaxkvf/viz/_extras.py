@@ -1,11 +1,14 @@
-"""The packages of the extra `jaxkvf[viz]`, imported when a picture is made and not before."""
+"""The packages that pictures need, imported when one is made and not before."""
 
 import importlib
 from types import ModuleType
 
+NOT_IN_VIZ = {"pyvista": "pyvista", "trimesh": "trimesh"}
+"""What to install for a package that the extra `jaxkvf[viz]` does not bring."""
+
 
 def extra(module: str) -> ModuleType:
-    """Import a module of matplotlib or polyscope.
+    """Import a module of matplotlib or polyscope, or of a package that a mesh is handed over to.
 
     Raises:
         ImportError: it is not installed, or does not load; the message says what mends it.
@@ -14,5 +17,6 @@ def extra(module: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        message = f'jaxkvf.viz needs {package}: pip install "jaxkvf[viz]" ({error})'
+        wanted = NOT_IN_VIZ.get(package, '"jaxkvf[viz]"')
+        message = f"jaxkvf.viz needs {package}: pip install {wanted} ({error})"
         raise ImportError(message, name=package) from error

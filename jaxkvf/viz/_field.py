@@ -3,16 +3,13 @@
 import os
 
 import numpy as np
-from jaxtyping import Float, Int, Integer, UInt8
+from jaxtyping import Float, Integer
 
 from ..files import write_whole
-from ._arrows import arrows_at
-from ._camera import View, fit_camera
-from ._checks import checked_count, checked_mesh, checked_size, checked_vectors, png_path
-from ._colors import SPEED_MAP, mapped
+from ._camera import View
+from ._checks import checked_size, png_path
 from ._page import png_of
-from ._photo import Frame, Surface, photograph, shown_points
-from ._samples import spread_evenly
+from ._scene import Scene, pictures_of
 
 
 def render_field(
@@ -48,34 +45,6 @@ def render_field(
         RuntimeError: off-screen rendering is not available; the message says what mends it.
     """
     target, size = png_path(path), checked_size(size)
-    vertices, faces = checked_mesh(vertices, faces)
-    vectors = checked_vectors(vectors, vertices)
-    pictures = field_pictures(
-        vertices, faces, vectors[None], size=size, view=view, arrows=arrows, smooth=smooth
-    )
-    write_whole(target, png_of(pictures[0]))
-
-
-def field_pictures(
-    vertices: Float[np.ndarray, "V 3"],
-    faces: Int[np.ndarray, "F 3"],
-    fields: Float[np.ndarray, "k V 3"],
-    *,
-    size: tuple[int, int],
-    view: View | None,
-    arrows: int,
-    smooth: bool,
-) -> list[UInt8[np.ndarray, "H W 3"]]:
-    """A picture of each field: one camera, arrows at the same points, each up to its own largest speed."""
-    used = np.unique(faces)
-    placed = Frame.around(vertices[used])(vertices)
-    samples = spread_evenly(placed, faces, min(checked_count(arrows), len(used)))
-    eye = fit_camera(placed[used], size, view).position
-    scenes: list[list[Surface]] = []
-    for vectors in fields:
-        speeds = np.linalg.norm(vectors, axis=1)
-        colors = mapped(speeds, (0.0, float(speeds[used].max())), SPEED_MAP)
-        mesh = Surface(placed, faces, colors, smooth=smooth)
-        scenes.append([mesh, *arrows_at(samples, placed, faces, vectors, eye=eye)])
-    camera = fit_camera(shown_points(scenes), size, view)
-    return [photograph(scene, camera, size) for scene in scenes]
+    scene = Scene(vertices, faces, vectors=vectors, arrows=arrows)
+    (pixels,) = pictures_of([scene], size=size, view=view, smooth=smooth)
+    write_whole(target, png_of(pixels))

@@ -8,9 +8,12 @@ from jaxtyping import Float, Integer
 
 from ..files import write_whole
 from ._camera import View
-from ._checks import checked_fields, checked_mesh, checked_size, png_path
-from ._field import field_pictures
-from ._page import Panel, png_of_page, text_height
+from ._checks import checked_fields, checked_mesh, png_path
+from ._scene import Scene
+from ._series import series_page
+
+PANEL = (480, 540)
+"""Pixels of a panel where the size is not given."""
 
 
 def render_fields(
@@ -50,12 +53,8 @@ def render_fields(
     titles = [""] * len(fields) if titles is None else titles
     if len(titles) != len(fields):
         raise ValueError(f"titles: {len(titles)} captions for {len(fields)} fields")
-    width, height = checked_size((480 * len(fields), 540) if size is None else size)
-    top = 2 * text_height(height) if any(titles) else 0
-    panel = checked_size((width // len(fields), height - top))
-    pictures = field_pictures(vertices, faces, fields, size=panel, view=view, arrows=arrows, smooth=smooth)
-    panels = [
-        Panel(pixels, i * panel[0], top, title)
-        for i, (pixels, title) in enumerate(zip(pictures, titles, strict=True))
+    scenes = [
+        Scene(vertices, faces, title, field, arrows) for field, title in zip(fields, titles, strict=True)
     ]
-    write_whole(target, png_of_page((width, height), panels))
+    page = series_page(scenes, len(scenes), size, panel=PANEL, view=view, smooth=smooth, same_scale=True)
+    write_whole(target, page)

@@ -27,7 +27,7 @@ GAMMA, EXPOSURE = 2.2, 1.1077
 """Polyscope's encoding of linear light and its brightening, as measured."""
 
 
-def linear_light(colors: Float[np.ndarray, "N 3"]) -> Float[np.ndarray, "N 3"]:
+def linear_light(colors: Float[np.ndarray, "*N 3"]) -> Float[np.ndarray, "*N 3"]:
     """What polyscope must be given so that fully lit pixels have these sRGB colours (0 … 1)."""
     return colors**GAMMA / EXPOSURE
 

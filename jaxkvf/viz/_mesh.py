@@ -6,12 +6,10 @@ import numpy as np
 from jaxtyping import Float, Integer
 
 from ..files import write_whole
-from ._camera import View, fit_camera
-from ._checks import checked_mesh, checked_size, png_path
-from ._colors import plain
-from ._material import STRONG
+from ._camera import View
+from ._checks import checked_size, png_path
 from ._page import png_of
-from ._photo import Frame, Surface, photograph
+from ._scene import Scene, pictures_of
 
 
 def render_mesh(
@@ -40,8 +38,5 @@ def render_mesh(
         RuntimeError: off-screen rendering is not available; the message says what mends it.
     """
     target, size = png_path(path), checked_size(size)
-    vertices, faces = checked_mesh(vertices, faces)
-    placed = Frame.around(vertices[faces.ravel()])(vertices)
-    camera = fit_camera(placed[faces.ravel()], size, view)
-    pixels = photograph([Surface(placed, faces, plain(len(placed)), smooth, STRONG)], camera, size)
+    (pixels,) = pictures_of([Scene(vertices, faces)], size=size, view=view, smooth=smooth)
     write_whole(target, png_of(pixels))

@@ -1,8 +1,8 @@
-"""Several pictures on one white page, with captions and a colour bar: matplotlib without its global state."""
+"""Pictures and plots on a white page, with captions and a colour bar: matplotlib without its global state."""
 
 import dataclasses
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -51,38 +51,52 @@ def png_of(pixels: UInt8[np.ndarray, "H W 3"]) -> bytes:
     return file.getvalue()
 
 
-def png_of_page(size: tuple[int, int], panels: Sequence[Panel], bar: ColorBar | None = None) -> bytes:
-    """The page as a PNG file of exactly `size` pixels, whatever style the caller has set for matplotlib."""
+def png_of_page(
+    size: tuple[int, int], panels: Sequence[Panel], bar: ColorBar | None = None, *, text: int | None = None
+) -> bytes:
+    """The page as a PNG file of exactly `size` pixels; `text` is the height of a line, by default the page's."""
+    text = text_height(size[1]) if text is None else text
+
+    def draw(figure: Any) -> None:
+        captions = [_place(figure, panel, size, text) for panel in panels]
+        room = min(
+            0.94 * panel.pixels.shape[1] / max(caption.get_window_extent().width, 1.0)
+            for panel, caption in zip(panels, captions, strict=True)
+        )
+        for caption in captions:
+            caption.set_fontsize(caption.get_fontsize() * min(1.0, room))
+        if bar is not None:
+            _draw_bar(figure, bar, size, text * 72 / DPI)
+
+    return png_of_figure(size, draw)
+
+
+def png_of_figure(size: tuple[int, int], draw: Callable[[Any], None]) -> bytes:
+    """What `draw` does to a white figure of exactly `size` pixels, whatever style the caller has set for matplotlib."""
     matplotlib, figures = extra("matplotlib"), extra("matplotlib.figure")
-    width, height = size
-    points = text_height(height) * 72 / DPI
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
-        figure = figures.Figure(figsize=(width / DPI, height / DPI), dpi=DPI, facecolor="white")
+        figure = figures.Figure(figsize=(size[0] / DPI, size[1] / DPI), dpi=DPI, facecolor="white")
         canvas = extra("matplotlib.backends.backend_agg").FigureCanvasAgg(figure)
-        for panel in panels:
-            _place(figure, panel, size, points)
-        if bar is not None:
-            _draw_bar(figure, bar, size, points)
+        draw(figure)
         canvas.draw()
         return png_of(np.asarray(canvas.buffer_rgba())[:, :, :3])
 
 
-def _place(figure: Any, panel: Panel, size: tuple[int, int], points: float) -> None:
+def _place(figure: Any, panel: Panel, size: tuple[int, int], text: int) -> Any:
+    """Puts a picture on the page; returns its caption."""
     width, height = size
     rows, columns = panel.pixels.shape[:2]
     figure.figimage(panel.pixels, xo=panel.x, yo=height - panel.y - rows, origin="upper")
-    text = figure.text(
+    return figure.text(
         (panel.x + columns / 2) / width,
-        1 - (panel.y - 0.3 * text_height(height)) / height,
+        1 - (panel.y - 0.3 * text) / height,
         panel.caption,
         ha="center",
         va="bottom",
         color=INK,
-        fontsize=points,
+        fontsize=text * 72 / DPI,
     )
-    room = 0.94 * columns / max(text.get_window_extent().width, 1.0)
-    text.set_fontsize(points * min(1.0, room))
 
 
 def _draw_bar(figure: Any, bar: ColorBar, size: tuple[int, int], points: float) -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -29,14 +30,27 @@ class Frame:
 
 
 @dataclasses.dataclass(frozen=True)
+class Texture:
+    """An image on a mesh, such as a pattern's: `Texture(*patterns.texture_coordinates(made), image)`."""
+
+    coordinates: Float[np.ndarray, "t 2"]
+    """In the image, 0…1, to the right and upwards."""
+    corners: Int[np.ndarray, "F 3"]
+    """Which of the coordinates each corner of each face has."""
+    image: Float[np.ndarray, "H W 3"] | UInt8[np.ndarray, "H W 3"]
+    """sRGB, 0…1, or bytes 0…255; the first row is the uppermost."""
+
+
+@dataclasses.dataclass(frozen=True)
 class Surface:
-    """A triangle mesh with a colour (sRGB, 0 … 1) at each vertex, in coordinates of order one."""
+    """A triangle mesh with a colour (sRGB, 0 … 1) at each vertex, or a texture, in coordinates of order one."""
 
     vertices: Float[np.ndarray, "V 3"]
     faces: Int[np.ndarray, "F 3"]
     colors: Float[np.ndarray, "V 3"]
     smooth: bool = True
     material: str = SOFT
+    texture: Texture | None = None
 
 
 def shown_points(scenes: Sequence[Sequence[Surface]]) -> Float[np.ndarray, "N 3"]:
@@ -67,7 +81,10 @@ def photograph(
             mesh.set_smooth_shade(surface.smooth)
             mesh.set_material(surface.material)
             mesh.set_back_face_policy("identical")
-            mesh.add_color_quantity("color", linear_light(surface.colors), enabled=True)
+            if surface.texture is None:
+                mesh.add_color_quantity("color", linear_light(surface.colors), enabled=True)
+            else:
+                _lay_on(mesh, surface.texture)
         ps.look_at_dir(camera.position, camera.target, camera.up)
         pixels = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3].copy()
     finally:
@@ -77,3 +94,12 @@ def photograph(
             f"polyscope made a picture of {pixels.shape[1::-1]} pixels where {size} was asked for"
         )
     return pixels
+
+
+def _lay_on(mesh: Any, texture: Texture) -> None:
+    coordinates = texture.coordinates[texture.corners.ravel()]
+    mesh.add_parameterization_quantity("place", coordinates, defined_on="corners")
+    image = linear_light(texture.image).astype(np.float32)
+    mesh.add_color_quantity(
+        "image", image, defined_on="texture", param_name="place", filter_mode="linear", enabled=True
+    )

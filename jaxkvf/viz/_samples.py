@@ -22,9 +22,12 @@ class Samples:
 def spread_evenly(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], count: int) -> Samples:
     """`count` points spread evenly over a surface, however uneven its triangles; the same ones every time.
 
+    Where flow lines may start: `integral_curves(mesh, field, t, at.faces, at.weights)`.
+
     Farthest-point sampling among random points of uniform density (fixed seed). Opposite normals count as
     distance, so that the two sides of a thin wing each get their points.
     """
+    vertices, faces = np.asarray(vertices, np.float64), np.asarray(faces)
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     doubled_areas = np.linalg.norm(normals, axis=1)

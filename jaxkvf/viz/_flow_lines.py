@@ -1,0 +1,48 @@
+"""Flow lines of a field."""
+
+import os
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Integer
+
+from ..files import write_whole
+from ._camera import View
+from ._checks import checked_size, png_path
+from ._page import png_of
+from ._scene import Scene, pictures_of
+
+
+def render_flow_lines(
+    path: str | os.PathLike[str],
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Integer[np.ndarray, "F 3"],
+    curves: Sequence[Float[np.ndarray, "_ 3"]],
+    vectors: Float[np.ndarray, "V 3"] | None = None,
+    *,
+    size: tuple[int, int] = (1200, 900),
+    view: View | None = None,
+    smooth: bool = True,
+) -> None:
+    """Write a picture of a mesh with integral curves on it, each with an arrow head where it ends.
+
+    Args:
+        path: the PNG file to write; an older one is replaced.
+        vertices: positions, of any size and place.
+        faces: vertex indices, counter-clockwise.
+        curves: polylines on the surface: `jaxkvf.integral_curves(…).polylines()`.
+        vectors: the field, whose norm is then the colour, dark at 0 and yellow at the largest; `None` is grey.
+        size: width and height in pixels.
+        view: (direction from the mesh to the camera, up); `None` is `Y_UP`.
+        smooth: shade with vertex normals; `False` shows the facets.
+
+    Raises:
+        ValueError: the mesh, a curve, the field, the size or the view cannot be drawn.
+        FileNotFoundError: the file's folder does not exist.
+        ImportError: the extra `jaxkvf[viz]` is not installed.
+        RuntimeError: off-screen rendering is not available; the message says what mends it.
+    """
+    target, size = png_path(path), checked_size(size)
+    scene = Scene(vertices, faces, vectors=vectors, curves=curves)
+    (pixels,) = pictures_of([scene], size=size, view=view, smooth=smooth)
+    write_whole(target, png_of(pixels))
