@@ -45,8 +45,10 @@ from .mesh import check as check
 from .mesh import repair as repair
 from .mesh import shapes as shapes
 from .parts import LocalSymmetry as LocalSymmetry
+from .parts import SymmetricParts as SymmetricParts
 from .parts import component_shares as component_shares
 from .parts import local_symmetry as local_symmetry
+from .parts import symmetric_parts as symmetric_parts
 from .patterns import Pattern as Pattern
 from .patterns import pattern as pattern
 from .patterns import stripes as stripes

@@ -33,6 +33,17 @@ class LocalSymmetry(NamedTuple):
     """Lowest λ · area of each ball; infinite where a ball has no face."""
 
 
+class SymmetricParts(NamedTuple):
+    """A surface cut into parts that are nearly symmetric each, and a rest."""
+
+    vertex_parts: Int[np.ndarray, " V"]
+    """Number of the part of each vertex, in the order found; −1 in the rest."""
+    values: Float[np.ndarray, " n"]
+    """Lowest λ · area of each part. Dimensionless."""
+    areas: Float[np.ndarray, " n"]
+    """Unit: length²."""
+
+
 def local_symmetry(mesh: TriangleMesh, radius: float | int, *, samples: int = 64) -> LocalSymmetry:
     """Lowest λ · area of geodesic balls of this radius, as a map over the surface.
 
@@ -60,6 +71,47 @@ def local_symmetry(mesh: TriangleMesh, radius: float | int, *, samples: int = 64
     total = weights.sum(axis=0)
     averaged = weights.T @ np.where(np.isfinite(found), found, 0.0) / np.where(total > 0, total, 1.0)
     return LocalSymmetry(np.where(total > 0, averaged, found[nearest]), chosen, found)
+
+
+def symmetric_parts(
+    mesh: TriangleMesh, tolerance: float | int, *, most: int = 8, samples: int = 32
+) -> SymmetricParts:
+    """Cuts off the largest piece with a nearly exact symmetry, then the largest of what is left, and so on. Greedy.
+
+    Pieces are geodesic balls in what is left, grown by a fifth in radius at a time while their lowest λ · area stays
+    within `tolerance`; the one of largest area is taken. The remedy that the paper names for its biggest limitation (§4).
+
+    Args:
+        mesh: the surface.
+        tolerance: largest λ · area of a part. Dimensionless.
+        most: number of parts at which to stop.
+        samples: number of centres tried for each part.
+
+    Raises:
+        ValueError: a tolerance, `most` or `samples` that is not positive.
+    """
+    for name, value in (("tolerance", tolerance), ("most", most), ("samples", samples)):
+        _check_positive(name, value)
+    surface = _Surface(mesh)
+    parts = np.full(surface.n_vertices, -1)
+    values, areas = [], []
+    smallest = surface.area / (20 * most)
+    for number in range(int(most)):
+        free = parts < 0
+        best: tuple[float, float, np.ndarray] | None = None
+        centres, distances = surface.spread(min(int(samples), int(free.sum())), free)
+        for centre, distance in zip(centres, distances, strict=True):
+            grown = surface.grow(centre, distance, tolerance, smallest if best is None else best[0])
+            best = grown or best
+        if best is None:
+            break
+        area, value, inside = best
+        parts[inside] = number
+        values.append(value)
+        areas.append(area)
+        if not (parts < 0).any():
+            break
+    return SymmetricParts(parts, np.array(values), np.array(areas))
 
 
 def component_shares(mesh: TriangleMesh, fields: KillingFields) -> Float[np.ndarray, "k C"]:
@@ -126,6 +178,26 @@ class _Surface:
         _, piece = connected_components(incidence @ incidence.T, directed=False)
         at_centre = (self.faces[faces] == centre).any(axis=1)
         return faces[piece == (piece[at_centre][0] if at_centre.any() else np.bincount(piece).argmax())]
+
+    def grow(
+        self, centre: int | np.integer, distance: Float[np.ndarray, " V"], tolerance: float, more_than: float
+    ) -> tuple[float, float, Bool[np.ndarray, " V"]] | None:
+        """Area, λ · area and vertices of the largest ball within tolerance, if its area is more than `more_than`."""
+        radius, farthest = np.sqrt(more_than / np.pi), distance[np.isfinite(distance)].max()
+        best = None
+        while True:
+            faces = self.faces_within(distance <= radius, centre)
+            area = float(self.areas[faces].sum())
+            if area > more_than:
+                value = self.lowest(faces)
+                if value > tolerance:
+                    return best
+                inside = np.zeros(self.n_vertices, bool)
+                inside[self.faces[faces]] = True
+                best = area, value, inside
+            if radius > farthest:
+                return best
+            radius *= 1.2
 
     def lowest(self, faces: Int[np.ndarray, " n"]) -> float:
         """Smallest λ · area of the piece made of these faces."""

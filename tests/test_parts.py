@@ -1,5 +1,6 @@
 """Pieces of a surface: regions, local symmetry, decomposition, components."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -11,8 +12,9 @@ from jaxkvf import (
     killing_fields,
     local_symmetry,
     shapes,
+    symmetric_parts,
 )
-from jaxkvf.geometry import intrinsic_delaunay, surface_area
+from jaxkvf.geometry import edge_lengths, intrinsic_delaunay, surface_area
 from jaxkvf.parts import _Surface
 
 
@@ -96,11 +98,35 @@ def test_a_piece_has_the_matrices_of_regge():
     assert disk.lowest(np.arange(100)) < 1e-10
 
 
+@pytest.mark.slow
+def test_local_symmetry_tells_a_smooth_end_from_a_bumpy_one():
+    sphere = shapes.ellipsoid(8, (0.6, 0.6, 2.0))
+    x = np.array(sphere.vertices)
+    bumpy = x[:, 2] > 0.4
+    angle = np.arctan2(x[:, 1], x[:, 0])
+    x[:, :2] *= (
+        1 + np.where(bumpy, 0.35 * np.clip(x[:, 2] - 0.4, 0, 0.4) / 0.4 * np.cos(3 * angle), 0.0)[:, None]
+    )
+    mesh = sphere.with_vertices(jnp.asarray(x))
+    found = local_symmetry(mesh, 1.0, samples=12)
+    assert found.values.shape == (mesh.topology.n_vertices,) and (found.sample_values >= -1e-9).all()
+    z = x[:, 2]
+    assert np.median(found.values[z > 0.9]) > 10 * np.median(found.values[z < -0.9])
+
+    parts = symmetric_parts(mesh, 0.05, most=2, samples=6)
+    assert (parts.values <= 0.05).all() and len(parts.values) >= 1
+    largest = parts.vertex_parts == 0
+    assert z[largest].mean() < 0 and largest.sum() > 0.3 * len(z)
+    area = surface_area(edge_lengths(mesh.vertices, mesh.topology), mesh.topology)
+    assert 0.25 * area < parts.areas[0] < area
+
+
 def test_wrong_arguments_are_refused():
     mesh = shapes.icosphere(1)
     for bad in (
         lambda: local_symmetry(mesh, 0.0),
         lambda: local_symmetry(mesh, 1.0, samples=0),
+        lambda: symmetric_parts(mesh, -1.0),
     ):
         with pytest.raises(ValueError, match="must be positive"):
             bad()
