@@ -69,6 +69,7 @@ def plot(path: str, errors: dict[str, list[float]]) -> None:
         axes.loglog(ANGLES, values[1:], "o-", label=name)
         axes.axhline(values[0], color="0.8", linewidth=0.8, zorder=0)
     axes.invert_xaxis()
+    axes.set_ylim(1e-4, 1e-2)
     axes.set_xlabel("smallest angle / degrees")
     axes.set_ylabel(f"relative l2 error of {COUNT} eigenvalues")
     axes.legend()
