@@ -135,7 +135,7 @@ def noisy_spheroid():
     return shapes.add_normal_noise(shapes.ellipsoid(6, (1, 1, 1.3)), 0.03, seed=1)
 
 
-@pytest.mark.parametrize("discretization", ["regge", "dec"])
+@pytest.mark.parametrize("discretization", ["regge", pytest.param("dec", marks=pytest.mark.slow)])
 def test_derivative_of_a_simple_eigenvalue(noisy_spheroid, discretization):
     mesh = noisy_spheroid
     direction = jnp.asarray(np.random.default_rng(0).standard_normal(mesh.vertices.shape))

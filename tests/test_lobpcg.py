@@ -366,6 +366,7 @@ def killing_problem(mesh):
     return GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
 
 
+@pytest.mark.slow
 def test_clusters_of_the_sphere():
     """Of 3, 3, 5 and 12, down to rounding."""
     problem = killing_problem(shapes.icosphere(6))
