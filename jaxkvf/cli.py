@@ -1,4 +1,5 @@
-"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh` and `cli_flow` add.
+"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh`, `cli_flow` and
+`cli_report` add.
 
 Exit codes: 0 done, 1 could not (a message says why) or the mesh has errors, 2 wrong use.
 """
@@ -17,6 +18,7 @@ import numpy as np
 
 from .cli_flow import add_flow_commands
 from .cli_mesh import add_mesh_commands
+from .cli_report import add_report_command
 from .fields import KillingFields, killing_fields
 from .files import write_whole
 from .geometry import edge_lengths, mean_edge_length
@@ -43,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _enable_float64_and_cache()
     try:
         report = options.run(options, console)
-    except (ValueError, OSError, RuntimeError, MemoryError) as failure:
+    except (ValueError, OSError, RuntimeError, MemoryError, ImportError) as failure:
         print(f"jaxkvf: {_message(failure)}", file=sys.stderr)
         return 1
     if options.json:
@@ -104,6 +106,7 @@ def _parser() -> argparse.ArgumentParser:
     symmetrize.set_defaults(run=_symmetrize)
 
     add_mesh_commands(commands, READABLE, with_suffix(*_WRITABLE))
+    add_report_command(commands)
     for command in (fields, symmetrize, *add_flow_commands(commands)):
         command.add_argument("--json", action="store_true", help="print the result as JSON")
         picture = command.add_mutually_exclusive_group()

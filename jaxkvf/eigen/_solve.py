@@ -99,7 +99,7 @@ def spectral_sum(
 
     Args:
         function: f, scalar to scalar, twice differentiable by JAX.
-        problem, k, solver, guess, throw: as for `eigsolve`.
+        problem: as for `eigsolve`, like k, solver, guess and throw.
     """
     found = _find(problem, k, solver, guess=guess, clusters="mean", throw=throw, vectors=False)
     energies = whole(found.energies, found.labels, found.cut)

@@ -69,7 +69,8 @@ def symmetrize(
         minimiser: any optimistix minimiser over the unknowns, by default L-BFGS; or a least-squares solver, which is given
             the Killing energy as a sum of squares in (unknowns, fields).
         solver: eigensolver; by default `multigrid_solver` on meshes that are worth it, shift-invert on small ones.
-        rtol, atol: done when Σ λ · area ≤ rtol × its value at the input + atol.
+        rtol: done when Σ λ · area ≤ rtol × its value at the input + atol.
+        atol: see rtol; dimensionless.
         reach: largest root mean square displacement, in mean edges: a mesh that would have to go further has no symmetry
             nearby.
         max_steps: most evaluations of the objective.

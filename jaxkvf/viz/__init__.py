@@ -15,6 +15,8 @@ from ._camera import Z_UP as Z_UP
 from ._camera import View as View
 from ._colored import render_colored as render_colored
 from ._colored_mesh import save_colored_mesh as save_colored_mesh
+from ._colors import SPEED_MAP as SPEED_MAP
+from ._colors import color_map as color_map
 from ._field import render_field as render_field
 from ._fields import render_fields as render_fields
 from ._flow_lines import render_flow_lines as render_flow_lines

@@ -1,0 +1,9 @@
+"""One self-contained HTML page about the symmetry of a mesh.
+
+Needs `pip install "jaxkvf[report]"`; importing it does not.
+"""
+
+from ._contents import Contents as Contents
+from ._contents import FlowLines as FlowLines
+from ._contents import contents as contents
+from ._write import write_report as write_report
