@@ -55,11 +55,11 @@ def cone(path: Path) -> str:
     cap = np.stack([0 * along, 0 * along + 1, along], axis=1)[1::2]
     starts = jaxkvf.closest_points(mesh, np.concatenate([slant, cap]))
     curves = jaxkvf.integral_curves(mesh, field, turn.time, *starts)
-    viz.render_colored(path, *arrays(mesh), curves=curves.polylines(), size=(900, 640))
+    viz.render_flow_lines(path, *arrays(mesh), curves.polylines(), np.asarray(field), size=(900, 640))
     return (
         f"A cone squashed to 0.8 of its width keeps a symmetry roughly, λ₀·area = {float(found.dimensionless[0]):.3g}: "
         f"{int(turn.closed.sum())} of {len(turn.closed)} integral curves close, their times spread by {turn.spread:.1%}. "
-        "`period`, `integral_curves`, `viz.render_colored`; Fig. 8."
+        "`period`, `integral_curves`, `viz.render_flow_lines`; Fig. 8."
     )
 
 
@@ -95,14 +95,15 @@ def disks(path: Path) -> str:
     outer = np.hypot(x[:, 0], x[:, 1])
     belly, neck = int(outer.argmax()), int((np.abs(x[:, 2] - 1.75) + (outer < 0.2)).argmin())
     m = 8
-    made = jaxkvf.pattern(mesh, field, np.array([belly, neck]), m, subdivide=6)
+    made = jaxkvf.pattern(mesh, field, np.array([belly, neck]), m)
     axis = np.linspace(-1, 1, 256)
     ring = np.hypot(axis[:, None], axis[None, :]) % 0.5 < 0.25
     image = np.where(ring[..., None], [0.19, 0.41, 0.56], [0.96, 0.92, 0.80])
-    viz.render_colored(path, *arrays(made.mesh), patterns.paint(made, image), view=viz.Z_UP, size=(900, 640))
+    texture = viz.Texture(*patterns.texture_coordinates(made), patterns.texture(image))
+    viz.render_pattern(path, *arrays(made.mesh), texture, view=viz.Z_UP, size=(900, 640))
     return (
         f"Rings around two points of a vase, repeated {m} times by the flow of its Killing field. `pattern`, "
-        "`patterns.paint`; Fig. 14."
+        "`viz.render_pattern`; Fig. 14."
     )
 
 
@@ -138,11 +139,7 @@ def page(path: Path) -> str:
     done = jaxkvf.symmetrize(mesh)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "vase.html"
-        report.write_report(mesh, file, symmetrized=done.mesh, title="A noisy vase")
-        content = file.read_text(encoding="utf-8").replace(
-            '<option value="z">', '<option value="z" selected>'
-        )
-        file.write_text(content, encoding="utf-8")
+        report.write_report(mesh, file, symmetrized=done.mesh, title="A noisy vase", up="z")
         size = file.stat().st_size
         command = (
             "chromium --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader "

@@ -164,8 +164,8 @@ class Stage {
     this.camera.add(light);
     this.light = light;
     this.stale = true;
-    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
     this.lookFrom(up);
+    new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
   }
 
   lookFrom(up) {
@@ -174,13 +174,13 @@ class Stage {
     this.camera.up.set(0, up === "y" ? 1 : 0, up === "z" ? 1 : 0);
     this.camera.position.set(...direction);
     this.moved = false;
-    this.resize();
     this.controls?.dispose();
     this.controls = new THREE.OrbitControls(this.camera, this.canvas);
     this.controls.addEventListener("start", () => (this.moved = true));
     this.controls.addEventListener("change", () => (this.stale = true));
     this.controls.minDistance = 0.5;
     this.controls.maxDistance = 20;
+    this.resize();
   }
 
   /** How far the camera must stand to see every vertex, along its direction, with a margin. */
@@ -207,7 +207,7 @@ class Stage {
     this.camera.aspect = width / this.surfaces.length / height;
     this.camera.updateProjectionMatrix();
     if (!this.moved) this.camera.position.setLength(this.distance());
-    this.stale = true;
+    this.render(); // at once: a canvas of another size is black until it is drawn
   }
 
   render() {
