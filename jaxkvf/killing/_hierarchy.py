@@ -29,7 +29,7 @@ from ..geometry import edge_angles
 from ..mesh import Topology
 
 _HOPS = 2  # coarse points are further apart than this
-_SLOTS = 6  # coarse points that a vertex is interpolated from
+_SLOTS = 5  # coarse points that a vertex is interpolated from; six spare no steps
 _ANISOTROPY = (
     3  # edges this many times as long as the shortest at an end join nothing: slivers coarsen along one way
 )
