@@ -17,10 +17,9 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_flow_reports_the_period_and_writes_curves(capsys):
-    assert (
-        cli.main(["flow", "spheroid.obj", "-o", "flow.npz", "--json", "--no-picture", "--curves", "5"]) == 0
-    )
+def test_flow_reports_the_period_and_writes_curves(capsys, offscreen):
+    arguments = ["flow", "spheroid.obj", "-o", "flow.npz", "--json", "--picture", "flow.png", "--curves", "5"]
+    assert cli.main(arguments) == 0 and Path("flow.png").exists()
     report = json.loads(capsys.readouterr().out)
     assert report["closed_curves"] == 64 and report["relative_rms_edge_error"] < 0.01
     assert report["time"] == report["period"]
@@ -32,15 +31,18 @@ def test_flow_reports_the_period_and_writes_curves(capsys):
 
 
 @pytest.mark.slow
-def test_pattern_writes_textured_and_coloured_meshes(capsys):
+def test_pattern_writes_textured_and_coloured_meshes(capsys, offscreen):
     for out in ("p.glb", "p.obj", "p.ply"):
-        assert cli.main(["pattern", "spheroid.obj", "-o", out, "-m", "5", "--json", "--no-picture"]) == 0
+        picture = ["--picture", "pattern.png"] if out == "p.glb" else ["--no-picture"]
+        assert cli.main(["pattern", "spheroid.obj", "-o", out, "-m", "5", "--json", *picture]) == 0
         assert json.loads(capsys.readouterr().out)["copies"] == 5
     assert (
         cli.main(["pattern", "spheroid.obj", "-o", "s.ply", "-m", "5", "--stripes", "across", "--no-picture"])
         == 0
     )
-    assert {"p.glb", "p.obj", "p.mtl", "p.png", "p.ply", "s.ply"} <= {p.name for p in Path().iterdir()}
+    assert {"p.glb", "p.obj", "p.mtl", "p.png", "p.ply", "s.ply", "pattern.png"} <= {
+        p.name for p in Path().iterdir()
+    }
     assert TriangleMesh.load("p.obj").topology.n_vertices == 642
 
 
