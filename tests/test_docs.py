@@ -44,6 +44,14 @@ def test_scripts_and_snippets_that_pages_name_exist(page):
         assert f"[start:{section}]" in marked and f"[end:{section}]" in marked, (file, section)
 
 
+def test_every_public_name_is_in_the_api_reference():
+    """The pages of subpackages list what these export; what comes from single modules is listed by hand."""
+    exports = re.findall(r"^from \.(\w+) import (\w+)", (ROOT / "jaxkvf/__init__.py").read_text(), re.M)
+    pages = "\n".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs/api").glob("*.md"))
+    listed = set(re.findall(r"^::: jaxkvf\.(\w+)$", pages, re.M))
+    assert exports and not [name for module, name in exports if module not in listed and name not in listed]
+
+
 def test_pictures_are_small():
     for picture in (ROOT / "docs/gallery").glob("*.png"):
         assert picture.stat().st_size <= 120_000, picture.name
