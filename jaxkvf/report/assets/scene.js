@@ -188,7 +188,7 @@ class Stage {
     const back = this.camera.position.clone().normalize();
     const right = new THREE.Vector3().crossVectors(this.camera.up, back).normalize();
     const up = new THREE.Vector3().crossVectors(back, right);
-    const slope = 0.88 * Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
+    const slope = 0.84 * Math.tan((FIELD_OF_VIEW / 2) * (Math.PI / 180));
     const point = new THREE.Vector3();
     let far = 0;
     for (const { positions, group } of this.surfaces) {
