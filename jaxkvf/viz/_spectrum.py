@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..files import write_whole
-from ._axes import KNOWN, MARKERS, SERIES_COLORS, bare_axes, legend
+from ._axes import KNOWN, MARKERS, SERIES_COLORS, bare_axes, legend, logarithmic
 from ._checks import checked_series, checked_size, png_path
 from ._page import png_of_figure
 
@@ -50,8 +50,12 @@ def plot_spectrum(
     ]
 
     def draw(figure: Any) -> None:
-        box, label = ((0.1, 0.13, 0.87, 0.82), "number") if exact is None else ((0.1, 0.44, 0.87, 0.52), "")
-        axes = bare_axes(figure, box, label, quantity)
+        figure.set_layout_engine("constrained")
+        heights = (2, 1) if exact is not None else (1,)
+        upper, *lower = figure.subplots(
+            len(heights), squeeze=False, sharex=True, height_ratios=heights
+        ).ravel()
+        axes = bare_axes(upper, "" if lower else "number", quantity)
         if exact is not None:
             numbers = np.arange(longest)
             axes.hlines(exact, numbers - 0.5, numbers + 0.5, color=KNOWN, lw=6, label=reference_name)
@@ -59,13 +63,12 @@ def plot_spectrum(
             axes.plot(np.arange(len(values)), values, label=name, **style)
         legend(axes, "upper left")
         if exact is not None:
-            axes.tick_params(labelbottom=False)
-            errors = bare_axes(figure, (0.1, 0.12, 0.87, 0.27), "number", "relative error")
+            errors = bare_axes(lower[0], "number", "relative error")
             errors.set_yscale("log")
-            errors.set_xlim(axes.get_xlim())
             for values, style in zip(found.values(), styles, strict=False):
                 error = _relative(values, exact[: len(values)])
                 errors.plot(np.arange(len(values)), np.where(error > 0, error, np.nan), **style)
+            logarithmic(errors.yaxis)
 
     write_whole(target, png_of_figure(size, draw))
 

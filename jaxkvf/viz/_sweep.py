@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..files import write_whole
-from ._axes import KNOWN, MARKERS, SERIES_COLORS, bare_axes, legend
+from ._axes import KNOWN, MARKERS, SERIES_COLORS, bare_axes, legend, logarithmic
 from ._checks import checked_series, checked_size, png_path
 from ._page import png_of_figure
 
@@ -52,7 +52,8 @@ def plot_sweep(
     found = checked_series(curves, len(SERIES_COLORS), length=len(x))
 
     def draw(figure: Any) -> None:
-        axes = bare_axes(figure, (0.11, 0.14, 0.86, 0.82), x_label, y_label)
+        figure.set_layout_engine("constrained")
+        axes = bare_axes(figure.add_subplot(), x_label, y_label)
         axes.set_xscale("log" if log_x else "linear")
         axes.set_yscale("log" if log_y else "linear")
         for name, values in known.items():
@@ -62,11 +63,13 @@ def plot_sweep(
         if log_x and len(x) <= FEW:
             axes.set_xticks(x, [f"{value:,g}" for value in x])
             axes.set_xticks([], minor=True)
+        if log_y:
+            logarithmic(axes.yaxis)
         if len(known) + len(found) > 1:
             legend(axes, "best")
 
     write_whole(target, png_of_figure(size, draw))
 
 
-def _shown(values: Float[np.ndarray, "n"], logarithmic: bool) -> Float[np.ndarray, "n"]:
-    return np.where(values > 0, values, np.nan) if logarithmic else values
+def _shown(values: Float[np.ndarray, "n"], log: bool) -> Float[np.ndarray, "n"]:
+    return np.where(values > 0, values, np.nan) if log else values
