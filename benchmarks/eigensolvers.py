@@ -358,7 +358,7 @@ def _plot(rows: list[dict[str, Any]], path: Path) -> None:
     import matplotlib.pyplot as plt  # noqa: PLC0415
 
     figure, axes = plt.subplots(figsize=(7, 5), layout="constrained")
-    spheres = [row for row in rows if row["mesh"] == "bumpy sphere" and row["k"] == 6]
+    spheres = [row for row in rows if row["mesh"] == "bumpy sphere" and row["k"] == 6 and "seconds" in row]
     for solver in dict.fromkeys(row["solver"] for row in spheres):
         points = sorted((row["vertices"], row["seconds"]) for row in spheres if row["solver"] == solver)
         axes.loglog(*zip(*points, strict=True), "o-", label=solver, linewidth=2.5 if solver == OURS else 1.2)

@@ -27,7 +27,7 @@ from .sparse import RowSparseOperator, assembled
 
 _DENSE_BELOW = 400  # unknowns
 _MULTIGRID_FROM = {
-    "SuperLU": 100_000,
+    "SuperLU": 200_000,
     "CHOLMOD": 400_000,
 }  # vertices: where a first call, compilation included, is faster
 _MANY = 40  # eigenpairs: the dense algebra of a block this wide outgrows a factorization's solves

@@ -58,10 +58,14 @@ class SymmetryObjective(eqx.Module):
         """For an optimistix minimiser. Infinite, so that it steps back, where the surface is not valid, the eigensolver
         fails, or the asymmetry is above that of the last accepted step."""
         surface = self.surface(theta)
-        fields, solved = self.target.find(jax.lax.stop_gradient(surface), accepted.fields, self.solver)
-        dimensionless = dimensionless_energies(surface, jax.lax.stop_gradient(fields))
+        held = jax.lax.stop_gradient(surface)
+        fields, solved = self.target.find(held, accepted.fields, self.solver)
+        fields, count = jax.lax.stop_gradient(fields), self.target.count()
+        energies = dimensionless_energies(surface, fields[:, :count])
+        watched = dimensionless_energies(held, fields[:, count:])
+        dimensionless = jnp.concatenate([energies, watched])
         prices = self.prices(surface)
-        asymmetry = dimensionless[: self.target.count()].sum()
+        asymmetry = energies.sum()
         allowed = solved & self.unknowns.is_valid(surface, self.original) & (asymmetry <= accepted.asymmetry)
         total = jnp.where(allowed, asymmetry + prices.sum(), jnp.inf)
         return total, Evaluation(dimensionless, prices, solved, fields)

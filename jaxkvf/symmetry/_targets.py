@@ -108,9 +108,9 @@ def killing_problem(surface: Surface) -> GeneralizedEigenproblem:
 
 def dimensionless_energies(surface: Surface, fields: Float[Array, "n k"]) -> Float[Array, " k"]:
     """E_K(U) / ‖U‖² · area of each field. At eigenvectors, λ · area and (fields held fixed) its derivative."""
-    problem = killing_problem(surface)
-    energies, norms = ((fields * matmat(M, fields)).sum(axis=0) for M in (problem.A, problem.B))
-    return energies / norms * surface_area(surface.lengths, surface.topology)
+    problem: Any = killing_problem(surface)
+    norms = (fields * matmat(problem.B, fields)).sum(axis=0)
+    return problem.A.energies(fields) / norms * surface_area(surface.lengths, surface.topology)
 
 
 def strains(surface: Surface, fields: Float[Array, "n m"]) -> Float[Array, " r"]:
