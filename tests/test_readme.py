@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -21,6 +22,17 @@ def test_the_python_runs(tmp_path, monkeypatch, capsys):
     before, after = names["fields"].dimensionless[0], names["symmetric"].history[-1].dimensionless[0]
     assert before / after > 1e4  # down to what a symmetric mesh of this size has
     assert (tmp_path / "symmetric.obj").exists()
+
+    (flow,) = re.findall(r"```py\n(.*?)```", README, flags=re.S)
+    exec(compile(flow, "README.md", "exec"), names)
+    edges = names["mesh"].topology.edges
+    before, after = (
+        np.linalg.norm(x[edges[:, 1]] - x[edges[:, 0]], axis=1)
+        for x in (names["mesh"].vertices, names["moved"])
+    )
+    assert (
+        np.sqrt(((after / before - 1) ** 2).mean()) < 0.1
+    )  # the field of a noisy spheroid, not an exact one
 
 
 def test_exactly_two_set_up_commands():
