@@ -40,7 +40,7 @@ def bumpy_sphere(frequency: int) -> TriangleMesh:
 
 
 def limbed_blob(frequency: int) -> TriangleMesh:
-    """A smooth closed blob with four limbs of slightly different length and width, shorter than those of the paper's Fig. 11.
+    """A smooth closed blob with four limbs of slightly different length and width, after the paper's Fig. 11 but shorter.
 
     Args:
         frequency: of the geodesic sphere beneath, ≥ 1; 10 frequency² + 2 vertices.
