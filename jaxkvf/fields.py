@@ -23,6 +23,9 @@ from .killing import AbstractDiscretization, discretization_named, vector_mass
 from .mesh import Topology, TriangleMesh, check_fits
 from .solvers import chosen_solver
 
+EXACT = 1e-3
+"""λ · area below which a symmetry counts as exact up to discretization. Dimensionless."""
+
 
 class KillingFields(eqx.Module):
     """The k tangent fields of smallest Killing energy, ascending: λ = 0 is an exact continuous intrinsic symmetry."""
@@ -95,7 +98,7 @@ def killing_fields(
         vectors=vectors,
         coefficients=coefficients,
         residuals=solution.residuals,
-        clusters=cluster_labels(solution.eigenvalues, atol=_EXACT / area),
+        clusters=cluster_labels(solution.eigenvalues, atol=EXACT / area),
         area=area,
         result=solution.result,
         stats=solution.stats | {"solver": reason},
@@ -203,6 +206,3 @@ def _unit_vectors(
 
     vectors = embed(jax.vmap(unit_field)(coefficients), vertex_frames(mesh.vertices, mesh.topology))
     return vectors, surface_area(lengths, mesh.topology)
-
-
-_EXACT = 1e-3  # λ·area below which a symmetry counts as exact when eigenvalues are grouped

@@ -6,7 +6,7 @@ import warnings
 import equinox as eqx
 import numpy as np
 from jax.typing import ArrayLike
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..flows import check_at_least_one, flow, period, vertex_points
 from ..mesh import TriangleMesh
@@ -136,8 +136,7 @@ def _warn_if_overlapping(made: Pattern, centers: int) -> None:
             stacklevel=3,
         )
         return
-    inside: Bool[np.ndarray, "c W"] = np.linalg.norm(np.nan_to_num(made.coordinates, nan=np.inf), axis=2) < 1
-    twice = int((inside.sum(axis=0) > 1).sum())
+    twice = int(((made._distance < 1).sum(axis=0) > 1).sum())
     if twice:
         which = "disks of different centres" if centers > 1 else "a disk and its own images"
         warnings.warn(f"{which} overlap at {twice} vertices: take a smaller radius or m", stacklevel=3)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Num
 
+from ..fields import EXACT
 from ..geometry import edge_lengths, mean_edge_length
 from ..mesh import TriangleMesh
 from ..viz import SPEED_MAP, color_map, spread_evenly
@@ -50,6 +51,7 @@ def page(told: tuple[Contents, ...], library: str, *, title: str, up: str) -> st
     data = {
         "up": up,
         "faces": _encoded(np.asarray(first.mesh.faces), np.uint32),
+        "exact": EXACT,
         "colors": _encoded(255 * color_map(SPEED_MAP)(np.linspace(0, 1, 256))[:, :3], np.uint8),
         "surfaces": [_surface(each, name) for each, name in zip(told, names, strict=True)],
     }

@@ -8,14 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..fields import killing_fields
+from ..fields import EXACT, killing_fields
 from ..geometry import face_normals
 from ..mesh import TriangleMesh
 from ._outcome import OUTCOMES, Symmetrization
 from ._surface import Surface
 from ._terms import metric_at_rest
 
-_EXACT = 1e-3  # λ·area below which a symmetry counts as exact, as in `killing_fields`
 _NAMED = 10  # triangles
 
 
@@ -45,11 +44,11 @@ class SymmetryReport(eqx.Module):
     @property
     def exact_before(self) -> int:
         """Number of fields, among the first few, with λ · area below 1e-3: exact up to discretization."""
-        return int((self.dimensionless_before < _EXACT).sum())
+        return int((self.dimensionless_before < EXACT).sum())
 
     @property
     def exact_after(self) -> int:
-        return int((self.dimensionless_after < _EXACT).sum())
+        return int((self.dimensionless_after < EXACT).sum())
 
     @property
     def most_changed_faces(self) -> Int[np.ndarray, " n"]:

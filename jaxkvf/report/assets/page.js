@@ -1,6 +1,5 @@
 // What the reader chooses, and what follows from it.
 
-const EXACT = 1e-3;
 const data = JSON.parse(document.getElementById("data").textContent);
 const $ = (id) => document.getElementById(id);
 const map = decoded(data.colors, Uint8Array);
@@ -27,10 +26,10 @@ function describe() {
     `${number(facts.vertices)} vertices, ${number(facts.faces)} faces, ${loops ? `${loops} boundary loop${loops > 1 ? "s" : ""}` : "closed"}` +
     `${pieces}; area ${brief(facts.area)}`;
   const verdicts = data.surfaces.map(({ name, fields }) => {
-    const exact = fields.filter((f) => f.dimensionless < EXACT).length;
+    const exact = fields.filter((f) => f.dimensionless < data.exact).length;
     const lowest = brief(fields[0].dimensionless);
     const much = exact > last ? `${exact} or more` : exact || "no";
-    const found = `${much} continuous ${exact > 1 ? "symmetries" : "symmetry"}, ${exact ? `λ·area < ${EXACT}` : `λ₀·area = ${lowest}`}`;
+    const found = `${much} continuous ${exact > 1 ? "symmetries" : "symmetry"}, ${exact ? `λ·area < ${data.exact}` : `λ₀·area = ${lowest}`}`;
     return (name ? `${name}: ` : "") + found + ". ";
   });
   $("verdict").textContent = verdicts.map((text) => text[0].toUpperCase() + text.slice(1)).join("");
