@@ -1,6 +1,7 @@
 """Strict mode for every test: float64, no silent dtype or rank promotion, shapes and dtypes checked at run time."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 
@@ -14,6 +15,18 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 with install_import_hook("jaxkvf", "beartype.beartype"):
     import jaxkvf  # noqa: F401
+
+
+_MAPS = Path("/proc/self/maps")  # Linux only
+_MANY_MAPS = 20_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def compiled_programs_are_dropped() -> Iterator[None]:
+    """Every program XLA compiles for a CPU takes memory maps, of which Linux grants a process 65,530: then it crashes."""
+    yield
+    if _MAPS.exists() and _MAPS.read_text().count("\n") > _MANY_MAPS:
+        jax.clear_caches()
 
 
 @pytest.fixture(scope="session")
