@@ -8,7 +8,8 @@ from ..mesh import Topology
 from ._metric import corner_angles, corner_cotangents, face_areas
 
 
-def _sum_at_vertices(corner_values: Float[Array, "F 3"], topology: Topology) -> Float[Array, " V"]:
+def sum_at_vertices(corner_values: Float[Array, "F 3"], topology: Topology) -> Float[Array, " V"]:
+    """Sum of the values of the corners around each vertex."""
     return jax.ops.segment_sum(
         corner_values.ravel(), topology.faces.ravel(), num_segments=topology.n_vertices
     )
@@ -39,7 +40,7 @@ def edge_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, 
 def barycentric_vertex_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " V"]:
     """A third of the area of the faces around each vertex; always positive. Unit: length²."""
     third = face_areas(lengths, topology)[:, None] / 3
-    return _sum_at_vertices(jnp.broadcast_to(third, (topology.n_faces, 3)), topology)
+    return sum_at_vertices(jnp.broadcast_to(third, (topology.n_faces, 3)), topology)
 
 
 @jax.jit
@@ -51,13 +52,13 @@ def circumcentric_vertex_areas(lengths: Float[Array, " E"], topology: Topology) 
     half_diamond = (
         0.25 * lengths[topology.face_edges] ** 2 * jnp.roll(corner_cotangents(lengths, topology), 1, axis=1)
     )
-    return _sum_at_vertices(0.5 * (half_diamond + jnp.roll(half_diamond, 1, axis=1)), topology)
+    return sum_at_vertices(0.5 * (half_diamond + jnp.roll(half_diamond, 1, axis=1)), topology)
 
 
 @jax.jit
 def cone_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " V"]:
     """Sum of the corner angles at each vertex. Radians."""
-    return _sum_at_vertices(corner_angles(lengths, topology), topology)
+    return sum_at_vertices(corner_angles(lengths, topology), topology)
 
 
 @jax.jit

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..mesh import Topology
-from ._duals import cone_angles
+from ._duals import sum_at_vertices
 from ._metric import corner_angles
 
 
@@ -20,12 +20,10 @@ def spoke_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[Array
     A cumulative sum of corner angles around each vertex, done for all vertices in one scan: every ring's mean is taken
     out first, so that the running total returns to zero at each vertex and nothing is lost to cancellation.
     """
-    corner = topology.spoke_corners
-    turn = jnp.where(
-        corner < 0, 0.0, corner_angles(lengths, topology).ravel()[corner]
-    )  # from this spoke to the next
-    vertex = topology.spoke_vertices
-    total = cone_angles(lengths, topology)
+    corner, vertex = topology.spoke_corners, topology.spoke_vertices
+    angles = corner_angles(lengths, topology)
+    turn = jnp.where(corner < 0, 0.0, angles.ravel()[corner])  # from this spoke to the next
+    total = sum_at_vertices(angles, topology)
     mean = total / topology.vertex_degrees.astype(lengths.dtype)
     first = topology.spoke_starts[:-1]
     running = jnp.cumsum(turn - mean[vertex])

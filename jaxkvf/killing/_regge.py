@@ -20,12 +20,9 @@ from jaxtyping import Array, Float, Int
 
 from ..eigen import GeneralizedEigenproblem
 from ..geometry import (
-    barycentric_vertex_areas,
     corner_cotangents,
     edge_directions,
     face_areas,
-    rotations,
-    transport_angles,
 )
 from ..mesh import Topology
 from ..sparse import SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
@@ -36,7 +33,14 @@ class Regge(AbstractDiscretization):
     """Tangent vectors at vertices, two unknowns each: positive semi-definite, λ₀ of fourth order, any boundary."""
 
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
-        return GeneralizedEigenproblem(_killing_operator(lengths, topology), vector_mass(lengths, topology))
+        # Areas and directions are computed once: what is computed twice is differentiated twice.
+        areas, directions = face_areas(lengths, topology), edge_directions(lengths, topology)
+        A = KillingOperator(
+            _rate_coefficients(lengths, directions),
+            areas[:, None, None] * _tensor_products(lengths, areas, topology),
+            topology,
+        )
+        return GeneralizedEigenproblem(A, _mass(areas, directions, topology))
 
     def to_vertex_vectors(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
@@ -59,25 +63,27 @@ def squared_length_rates(
     vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
 ) -> Float[Array, " E"]:
     """h_e = d/dt ℓ² along the flow of a vertex field: 2ℓ (⟨U_head, e⟩ − ⟨U_tail, e⟩). Unit: vector × length."""
-    return (vectors[topology.edges] * _rate_coefficients(lengths, topology)).sum(axis=(1, 2))
+    coefficients = _rate_coefficients(lengths, edge_directions(lengths, topology))
+    return (vectors[topology.edges] * coefficients).sum(axis=(1, 2))
 
 
-def _rate_coefficients(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "E 2 2"]:
+def _rate_coefficients(
+    lengths: Float[Array, " E"], directions: Float[Array, "E 2 2"]
+) -> Float[Array, "E 2 2"]:
     """∂h_e/∂U at tail and head of each edge."""
     signs = jnp.asarray([-1.0, 1.0], lengths.dtype)[None, :, None]
-    return 2 * lengths[:, None, None] * signs * edge_directions(lengths, topology)
+    return 2 * lengths[:, None, None] * signs * directions
 
 
-def _tensor_products(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, "F 3 3"]:
+def _tensor_products(
+    lengths: Float[Array, " E"], areas: Float[Array, " F"], topology: Topology
+) -> Float[Array, "F 3 3"]:
     """⟨S_e, S_e'⟩ of the sides of each face: ½ (g_ac g_bd + g_ad g_bc), g_ij = ∇λ_i·∇λ_j, from lengths alone."""
-    area = face_areas(lengths, topology)
-    cot = corner_cotangents(lengths, topology) / (2 * area[:, None])  # −g_ij is that of the third corner
-    following = jnp.roll(cot, -1, axis=1)
-    diagonal = following + jnp.roll(cot, 1, axis=1)  # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
-    corner = jnp.arange(3)
-    gram = jnp.zeros((area.shape[0], 3, 3), lengths.dtype).at[:, corner, corner].set(diagonal)
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        gram = gram.at[:, i, j].set(-cot[:, k]).at[:, j, i].set(-cot[:, k])
+    # −g_ij is that of the third corner
+    a, b, c = (corner_cotangents(lengths, topology) / (2 * areas[:, None])).T
+    # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
+    rows = ((b + c, -c, -b), (-c, c + a, -a), (-b, -a, a + b))
+    gram = jnp.stack([jnp.stack(row, axis=1) for row in rows], axis=1)
     start, end = gram, jnp.roll(gram, -1, axis=1)  # side s joins corners s and s + 1
     g_ac, g_ad = start, jnp.roll(start, -1, axis=2)
     g_bc, g_bd = end, jnp.roll(end, -1, axis=2)
@@ -89,7 +95,8 @@ def energy_density(
 ) -> Float[Array, " F"]:
     """‖KU‖² in each face, pointwise. Unit: (vector / length)²."""
     sides = squared_length_rates(vectors, lengths, topology)[topology.face_edges]
-    return jnp.einsum("fs,fst,ft->f", sides, _tensor_products(lengths, topology), sides)
+    products = _tensor_products(lengths, face_areas(lengths, topology), topology)
+    return jnp.einsum("fs,fst,ft->f", sides, products, sides)
 
 
 class KillingOperator(lx.AbstractLinearOperator):
@@ -137,13 +144,6 @@ class KillingOperator(lx.AbstractLinearOperator):
 
 
 declare_leaf(KillingOperator, positive_semidefinite=True)
-
-
-def _killing_operator(lengths: Float[Array, " E"], topology: Topology) -> KillingOperator:
-    area = face_areas(lengths, topology)[:, None, None]
-    return KillingOperator(
-        _rate_coefficients(lengths, topology), area * _tensor_products(lengths, topology), topology
-    )
 
 
 @matmat.register
@@ -197,12 +197,21 @@ def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlo
 
     The blend cancels the leading dispersion error of either. Diagonally dominant, hence positive definite.
     """
-    vertex = 0.75 * barycentric_vertex_areas(lengths, topology)
-    around = jnp.broadcast_to(face_areas(lengths, topology)[:, None], (topology.n_faces, 3))
+    return _mass(face_areas(lengths, topology), edge_directions(lengths, topology), topology)
+
+
+def _mass(
+    areas: Float[Array, " F"], directions: Float[Array, "E 2 2"], topology: Topology
+) -> SymmetricBlockOperator:
+    around = jnp.broadcast_to(areas[:, None], (topology.n_faces, 3))
+    vertex = _sum_over(topology.faces, around, topology.n_vertices) / 4
     edge = _sum_over(topology.face_edges, around, topology.n_edges) / 24
-    head_to_tail = rotations(transport_angles(lengths, topology)).mT
+    # The rotation from the edge's direction in its head's frame to that in its tail's.
+    (tail_x, tail_y), (head_x, head_y) = directions[:, 0].T, directions[:, 1].T
+    cos, sin = tail_x * head_x + tail_y * head_y, head_x * tail_y - head_y * tail_x
+    head_to_tail = jnp.stack([jnp.stack([cos, -sin], -1), jnp.stack([sin, cos], -1)], -2)
     return SymmetricBlockOperator(
-        diagonal=vertex[:, None, None] * jnp.eye(2, dtype=lengths.dtype)[None],
+        diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
         upper=edge[:, None, None] * head_to_tail,
         edges=topology.edges,
         row_order=_row_order(topology),
