@@ -52,6 +52,7 @@ from .parts import symmetric_parts as symmetric_parts
 from .patterns import Pattern as Pattern
 from .patterns import pattern as pattern
 from .patterns import stripes as stripes
+from .solvers import multigrid_preconditioner as multigrid_preconditioner
 from .solvers import multigrid_solver as multigrid_solver
 from .symmetry import Symmetrization as Symmetrization
 from .symmetry import SymmetryReport as SymmetryReport

@@ -171,7 +171,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         TextColumn("λ·area = {task.fields[asymmetry]:.2e}"),
         TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console, transient=True) as progress:
+    with Progress(*columns, console=console, transient=True, refresh_per_second=2) as progress:
         task = progress.add_task("", total=options.max_steps, asymmetry=float("nan"))
 
         def show(step: Step) -> None:
@@ -238,7 +238,7 @@ def _enable_float64_and_cache() -> None:
     jax.config.update("jax_enable_x64", True)
     caches = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     jax.config.update("jax_compilation_cache_dir", str(caches / "jaxkvf"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
 
 def _arrays(mesh: TriangleMesh, found: KillingFields) -> tuple[Any, Any, Any]:

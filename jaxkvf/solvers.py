@@ -55,9 +55,24 @@ def multigrid_solver(
     Raises:
         ValueError: unknown discretization, or one with no multigrid.
     """
-    lengths = edge_lengths(mesh.vertices, mesh.topology)
-    preconditioner = _preconditioner(lengths, mesh.topology, discretization_named(discretization))
+    preconditioner = multigrid_preconditioner(mesh, discretization=discretization)
     return WithFallback(LOBPCG(rtol=rtol, max_steps=max_steps, preconditioner=preconditioner), ScipyEigsh())
+
+
+def multigrid_preconditioner(
+    mesh: TriangleMesh, *, discretization: str | AbstractDiscretization = "regge"
+) -> AbstractPreconditioner:
+    """That of `multigrid_solver`, for a `LOBPCG` with options of its own.
+
+    Args:
+        mesh: reference shape, concrete.
+        discretization: `"regge"` or `"dec"`.
+
+    Raises:
+        ValueError: unknown discretization, or one with no multigrid.
+    """
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    return _preconditioner(lengths, mesh.topology, discretization_named(discretization))
 
 
 def chosen_solver(

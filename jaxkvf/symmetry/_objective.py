@@ -7,7 +7,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ..eigen import AbstractEigensolver
 from ._surface import Surface
-from ._targets import AbstractTarget, dimensionless_energies, strains
+from ._targets import BEYOND, AbstractTarget, dimensionless_energies, strains
 from ._terms import AbstractTerm
 from ._unknowns import AbstractUnknowns
 
@@ -21,14 +21,14 @@ class Evaluation(eqx.Module):
     """Price of each term."""
     solved: Bool[Array, ""]
     """Whether the eigensolver converged."""
-    fields: Float[Array, "n k"]
-    """These fields: where the eigensolver may start at a surface nearby."""
+    fields: Float[Array, "n g"]
+    """These fields first, then earlier ones: where the eigensolver may start at a surface nearby."""
 
 
 class Accepted(eqx.Module):
     """What an evaluation knows of the last accepted step."""
 
-    fields: Float[Array, "n k"] | None
+    fields: Float[Array, "n g"] | None
     """Approximate eigenvectors: they save time but do not change the result."""
     asymmetry: Float[Array, ""]
     """Σ λ · area of the target: it may not rise."""
@@ -50,6 +50,16 @@ class SymmetryObjective(eqx.Module):
     def surface(self, theta: PyTree) -> Surface:
         return self.unknowns.surface(theta, self.original)
 
+    def surfaces(self, theta: PyTree) -> tuple[Surface, Surface]:
+        """That of θ, and the original."""
+        return self.surface(theta), self.original
+
+    def accepted(self, evaluation: Evaluation) -> Accepted:
+        """After this accepted step."""
+        asymmetry = evaluation.dimensionless[: self.target.count()].sum()
+        # The start itself is evaluated once more, and rounding may raise it.
+        return Accepted(evaluation.fields, asymmetry * (1 + 1e-9))
+
     def prices(self, surface: Surface) -> Float[Array, " t"]:
         prices = [term(surface, self.original) for term in self.terms]
         return jnp.stack(prices) if prices else jnp.zeros(0, surface.lengths.dtype)
@@ -58,23 +68,31 @@ class SymmetryObjective(eqx.Module):
         """For an optimistix minimiser. Infinite, so that it steps back, where the surface is not valid, the eigensolver
         fails, or the asymmetry is above that of the last accepted step."""
         surface = self.surface(theta)
-        held = jax.lax.stop_gradient(surface)
-        fields, solved = self.target.find(held, accepted.fields, self.solver)
+        fields, solved = self.target.find(jax.lax.stop_gradient(surface), accepted.fields, self.solver)
+        found = self.evaluated(surface, fields, solved)
+        asymmetry = found.dimensionless[: self.target.count()].sum()
+        allowed = solved & self.unknowns.is_valid(surface, self.original) & (asymmetry <= accepted.asymmetry)
+        return jnp.where(allowed, asymmetry + found.terms.sum(), jnp.inf), found
+
+    def evaluated(self, surface: Surface, fields: Float[Array, "n g"], solved: Bool[Array, ""]) -> Evaluation:
+        """The objective's parts at a surface whose fields are known; derivatives hold these fixed."""
         fields, count = jax.lax.stop_gradient(fields), self.target.count()
         energies = dimensionless_energies(surface, fields[:, :count])
-        watched = dimensionless_energies(held, fields[:, count:])
-        dimensionless = jnp.concatenate([energies, watched])
-        prices = self.prices(surface)
-        asymmetry = energies.sum()
-        allowed = solved & self.unknowns.is_valid(surface, self.original) & (asymmetry <= accepted.asymmetry)
-        total = jnp.where(allowed, asymmetry + prices.sum(), jnp.inf)
-        return total, Evaluation(dimensionless, prices, solved, fields)
+        watched = fields[:, count : count + BEYOND]
+        watched = dimensionless_energies(jax.lax.stop_gradient(surface), watched)
+        return Evaluation(jnp.concatenate([energies, watched]), self.prices(surface), solved, fields)
 
 
 class SquaredObjective(eqx.Module):
     """The same as a sum of squares in (θ, fields), for Gauss–Newton methods: at its minimum the fields are eigenvectors."""
 
     objective: SymmetryObjective
+
+    def surfaces(self, unknowns: tuple[PyTree, Float[Array, "n m"]]) -> tuple[Surface, Surface]:
+        return self.objective.surfaces(unknowns[0])
+
+    def accepted(self, evaluation: Evaluation) -> Accepted:
+        return self.objective.accepted(evaluation)
 
     def __call__(
         self, unknowns: tuple[PyTree, Float[Array, "n m"]], accepted: Accepted

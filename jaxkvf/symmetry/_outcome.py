@@ -60,6 +60,8 @@ class State(eqx.Module):
     minimiser_state: PyTree
     evaluation: Evaluation
     history: tuple[Step, ...]
+    prepared_at: PyTree
+    """The unknowns where the solver's preconditioner was made."""
 
     @property
     def evaluations(self) -> int:

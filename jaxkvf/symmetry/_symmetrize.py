@@ -1,5 +1,6 @@
 """Moving the vertices of a nearly symmetric mesh until its intrinsic symmetry is exact."""
 
+import dataclasses
 import functools
 import os
 from collections.abc import Callable, Sequence
@@ -13,15 +14,15 @@ import optimistix as optx
 from jaxtyping import PyTree
 
 from ..eigen import (
+    LOBPCG,
     AbstractApproximateInverse,
     AbstractEigensolver,
     AbstractPreconditioner,
-    GeneralizedEigenproblem,
     KeptInverse,
 )
 from ..geometry import corner_angles
 from ..mesh import TriangleMesh
-from ..solvers import multigrid_solver
+from ..solvers import multigrid_preconditioner
 from ._objective import Accepted, Evaluation, SquaredObjective, SymmetryObjective
 from ._outcome import OUTCOMES, State, Step, Symmetrization
 from ._surface import Surface
@@ -29,8 +30,10 @@ from ._targets import AbstractTarget, LowestFields, killing_problem
 from ._terms import AbstractTerm, LengthFidelity, PositionFidelity, ShapeBarrier
 from ._unknowns import AbstractUnknowns, Displacements, EdgeLengths
 
-_MULTIGRID_FROM = 4_000  # vertices; smaller meshes are solved before multigrid is compiled
-_RESIDUAL = 1e-10  # of the eigensolves: gradients inherit it to first order
+_MULTIGRID_FROM = 2_000  # vertices; smaller meshes are solved before multigrid is compiled
+_RESIDUAL = 3e-9  # of the eigensolves: gradients inherit it to first order
+_PREPARED_AFTER = {2**i for i in range(2, 30)}  # accepted steps: they become smaller and smaller
+_DOUBTFUL = 3  # rejected steps in a row
 _REJECTIONS = 30  # in a row: the line search has come to rest
 _ROUND_FLOOR = 20.0
 
@@ -68,7 +71,8 @@ def symmetrize(
         unknowns: what is varied: `Displacements()` (the default), `EdgeLengths()`, `Parameters(…)`.
         minimiser: any optimistix minimiser over the unknowns, by default L-BFGS; or a least-squares solver, which is given
             the Killing energy as a sum of squares in (unknowns, fields).
-        solver: eigensolver; by default `multigrid_solver` on meshes that are worth it, shift-invert on small ones.
+        solver: eigensolver; by default LOBPCG with multigrid on meshes that are worth it, its preconditioner made anew
+            after 4, 8, 16, … steps, shift-invert on small ones.
         rtol: done when Σ λ · area ≤ rtol × its value at the input + atol.
         atol: see rtol; dimensionless.
         reach: largest root mean square displacement, in mean edges: a mesh that would have to go further has no symmetry
@@ -93,21 +97,20 @@ def symmetrize(
         terms = (fidelity, ShapeBarrier())
     if minimiser is None:
         minimiser = _default_minimiser()
-    first_solver = solver  # a single solve would not repay the compilation of multigrid
-    if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
-        solver = _warm_solver(mesh)
     if atol is None:
         atol = _ROUND_FLOOR / mesh.topology.n_faces**2
     objective = SymmetryObjective(Surface.of(mesh), unknowns, chosen, tuple(terms), solver)
 
     theta = unknowns.start(mesh)
-    start = SymmetryObjective(objective.original, unknowns, chosen, objective.terms, first_solver)
-    evaluation = _evaluate(start, theta, chosen.given(mesh))
-    history = (_record(objective, theta, evaluation, 1),)
+    surface = _surface(objective, theta)
+    # Outside of jit, where a solver on the host needs no callback and so no program of its own.
+    fields, solved = chosen.find(surface, chosen.given(mesh), solver)
+    evaluation = _evaluated(objective, surface, fields, solved)
+    history = (_record(1, evaluation, _measures(surface, objective.original)),)
     squared = isinstance(minimiser, optx.AbstractLeastSquaresSolver)
-    fn = SquaredObjective(objective) if squared else objective
     y = (theta, evaluation.fields[:, : chosen.count()]) if squared else theta
-    state = State(y, _init(minimiser, fn, y, _accepted(evaluation, chosen)), evaluation, history)
+    inner = _init(minimiser, _minimisable(objective, squared), y, evaluation)
+    state = State(y, inner, evaluation, history, theta)
     if not bool(evaluation.solved):
         return _result(objective, state, squared, OUTCOMES.eigensolver_failed)
     if resume is not None:
@@ -115,24 +118,44 @@ def symmetrize(
     elif callback is not None:
         callback(history[0])
     goal = rtol * _asymmetry(state.history[0], chosen) + atol
+    multigrid = None
+    if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
+        multigrid = multigrid_preconditioner(mesh)
     state, outcome = _minimised(
-        minimiser, fn, objective, state, goal=goal, reach=reach, max_steps=max_steps, callback=callback
+        minimiser,
+        objective,
+        state,
+        squared=squared,
+        multigrid=multigrid,
+        goal=goal,
+        reach=reach,
+        max_steps=max_steps,
+        callback=callback,
     )
     return _result(objective, state, squared, outcome)
 
 
-def _warm_solver(mesh: TriangleMesh) -> AbstractEigensolver:
-    """Multigrid, its numbers those of the input: near enough for all meshes on the way."""
-    solver: Any = multigrid_solver(mesh, rtol=_RESIDUAL)
-    inverse = _prepared(solver.first.preconditioner, killing_problem(Surface.of(mesh)))
-    return eqx.tree_at(lambda s: s.first.preconditioner, solver, KeptInverse(inverse))
+def _prepared(
+    objective: SymmetryObjective, multigrid: AbstractPreconditioner | None, theta: PyTree
+) -> SymmetryObjective:
+    """The objective with a solver for surfaces near that of θ: a preconditioner costs half an eigensolve to make."""
+    if multigrid is None:
+        return objective
+    kept = KeptInverse(_inverse(dataclasses.replace(objective, solver=None), multigrid, theta))
+    # Guesses are near: one guard vector will do.
+    solver = LOBPCG(rtol=_RESIDUAL, max_steps=200, guard_vectors=1, preconditioner=kept)
+    return dataclasses.replace(objective, solver=solver)
 
 
 @eqx.filter_jit
-def _prepared(
-    preconditioner: AbstractPreconditioner, problem: GeneralizedEigenproblem
+def _inverse(
+    objective: SymmetryObjective, multigrid: AbstractPreconditioner, theta: PyTree
 ) -> AbstractApproximateInverse:
-    return preconditioner.prepare(problem)
+    return multigrid.prepare(killing_problem(objective.surface(theta)))
+
+
+def _minimisable(objective: SymmetryObjective, squared: bool) -> SymmetryObjective | SquaredObjective:
+    return SquaredObjective(objective) if squared else objective
 
 
 @functools.cache
@@ -152,17 +175,20 @@ def _check(max_steps: int, rtol: float, atol: float | None, reach: float) -> Non
 
 def _minimised(
     minimiser: Any,
-    fn: SymmetryObjective | SquaredObjective,
     objective: SymmetryObjective,
     state: State,
     *,
+    squared: bool,
+    multigrid: AbstractPreconditioner | None,
     goal: float,
     reach: float,
     max_steps: int,
     callback: Callable[[Step], object] | None,
 ) -> tuple[State, OUTCOMES]:
     """The loop over the minimiser's steps."""
-    target, squared = objective.target, isinstance(fn, SquaredObjective)
+    target, prepared_at = objective.target, state.prepared_at
+    objective = _prepared(objective, multigrid, prepared_at)
+    fn = _minimisable(objective, squared)
     y, inner, evaluation, history = (
         state.unknowns,
         state.minimiser_state,
@@ -172,6 +198,7 @@ def _minimised(
     # Optimistix evaluates the starting point in its first step, which is done already.
     evaluations = history[-1].evaluations - (1 if len(history) == 1 else 0)
     rejections, outcome = 0, OUTCOMES.max_steps_reached
+    at_rest = bool(_terminates(minimiser, fn, y, inner, evaluation))
     while True:
         if _asymmetry(history[-1], target) <= goal:
             outcome = OUTCOMES.successful
@@ -179,37 +206,38 @@ def _minimised(
         if history[-1].rms_displacement > reach:
             outcome = OUTCOMES.out_of_reach
             break
-        accepted = _accepted(evaluation, target)
-        if rejections >= _REJECTIONS or _at_rest(minimiser, fn, y, accepted, inner):
+        if rejections >= _REJECTIONS or at_rest:
             outcome = OUTCOMES.no_symmetry_nearby
             break
         if evaluations >= max_steps:
             break
-        proposed, inner = _step(minimiser, fn, y, inner, accepted)
+        y, inner, advance = _step(minimiser, fn, y, inner, evaluation)
         evaluations += 1
-        if not _differ(proposed, y):
-            rejections += 1
-            continue
-        rejections, y = 0, proposed
-        if squared:
-            evaluation = _evaluate(objective, y[0], evaluation.fields)
+        moved, at_rest, measures = jax.device_get(advance)
+        if moved:
+            rejections = 0
+            if squared:
+                evaluation = _evaluate(objective, y[0], evaluation.fields)
+            else:
+                # What a step returns beside the state lags behind by one accepted point; the state's own does not.
+                evaluation = (
+                    inner.aux if hasattr(inner, "aux") else _evaluate(objective, y, evaluation.fields)
+                )
+            history.append(_record(evaluations, evaluation, measures))
+            if callback is not None:
+                callback(history[-1])
         else:
-            # What a step returns beside the state lags behind by one accepted point; the state's own does not.
-            evaluation = inner.aux if hasattr(inner, "aux") else _evaluate(objective, y, evaluation.fields)
-        history.append(_record(objective, y[0] if squared else y, evaluation, evaluations))
-        if callback is not None:
-            callback(history[-1])
-    return State(y, inner, evaluation, tuple(history)), outcome
+            rejections += 1
+        # After many rejections too: perhaps it is the eigensolver that fails.
+        if len(history) - 1 in _PREPARED_AFTER if moved else rejections == _DOUBTFUL:
+            prepared_at = y[0] if squared else y
+            objective = _prepared(objective, multigrid, prepared_at)
+            fn = _minimisable(objective, squared)
+    return State(y, inner, evaluation, tuple(history), prepared_at), outcome
 
 
 def _asymmetry(step: Step, target: AbstractTarget) -> float:
     return float(step.dimensionless[: target.count()].sum())
-
-
-def _accepted(evaluation: Evaluation, target: AbstractTarget) -> Accepted:
-    asymmetry = evaluation.dimensionless[: target.count()].sum()
-    # The start itself is evaluated once more, and rounding may raise it.
-    return Accepted(evaluation.fields, asymmetry * (1 + 1e-9))
 
 
 def _result(objective: SymmetryObjective, state: State, squared: bool, outcome: OUTCOMES) -> Symmetrization:
@@ -226,34 +254,43 @@ def _surface(objective: SymmetryObjective, theta: PyTree) -> Surface:
 
 
 @eqx.filter_jit
+def _evaluated(
+    objective: SymmetryObjective, surface: Surface, fields: jax.Array, solved: jax.Array
+) -> Evaluation:
+    return objective.evaluated(surface, fields, solved)
+
+
+@eqx.filter_jit
 def _evaluate(objective: SymmetryObjective, theta: PyTree, fields: Any) -> Evaluation:
     return objective(theta, Accepted(fields, jnp.asarray(jnp.inf)))[1]
 
 
 @eqx.filter_jit
-def _init(minimiser: Any, fn: Any, y: PyTree, accepted: Accepted) -> Any:
+def _init(minimiser: Any, fn: Any, y: PyTree, evaluation: Evaluation) -> Any:
+    accepted = fn.accepted(evaluation)
     value, aux = eqx.filter_eval_shape(fn, y, accepted)
     return minimiser.init(fn, y, accepted, {}, value, aux, frozenset())
 
 
 @eqx.filter_jit
-def _step(minimiser: Any, fn: Any, y: PyTree, state: Any, accepted: Accepted) -> tuple[PyTree, Any]:
-    y, state, _ = minimiser.step(fn, y, accepted, {}, state, frozenset())
-    return y, state
+def _step(
+    minimiser: Any, fn: Any, y: PyTree, inner: Any, evaluation: Evaluation
+) -> tuple[PyTree, Any, tuple[jax.Array, jax.Array, tuple[jax.Array, jax.Array]]]:
+    """The next unknowns and state; whether they moved, whether the minimiser is at rest, and `_measures`."""
+    proposed, inner, _ = minimiser.step(fn, y, fn.accepted(evaluation), {}, inner, frozenset())
+    differences = jax.tree.map(lambda a, b: (a != b).any(), proposed, y)
+    moved = jnp.stack(jax.tree.leaves(differences)).any()
+    at_rest = _terminates(minimiser, fn, proposed, inner, evaluation)
+    return proposed, inner, (moved, at_rest, _measures(*fn.surfaces(proposed)))
 
 
-def _at_rest(minimiser: Any, fn: Any, y: PyTree, accepted: Accepted, state: Any) -> bool:
-    return bool(minimiser.terminate(fn, y, accepted, {}, state, frozenset())[0])
-
-
-def _differ(one: PyTree, other: PyTree) -> bool:
-    pairs = zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True)
-    return any(bool((a != b).any()) for a, b in pairs)
+def _terminates(minimiser: Any, fn: Any, y: PyTree, inner: Any, evaluation: Evaluation) -> jax.Array:
+    return minimiser.terminate(fn, y, fn.accepted(evaluation), {}, inner, frozenset())[0]
 
 
 @eqx.filter_jit
-def _measure(objective: SymmetryObjective, theta: PyTree) -> tuple[jax.Array, jax.Array]:
-    moved, original = objective.surface(theta), objective.original
+def _measures(moved: Surface, original: Surface) -> tuple[jax.Array, jax.Array]:
+    """Root mean square displacement in mean edges of the original, NaN without positions; smallest angle, radians."""
     angle = corner_angles(moved.lengths, moved.topology).min()
     if moved.embedding is None:
         return jnp.asarray(jnp.nan), angle
@@ -261,12 +298,14 @@ def _measure(objective: SymmetryObjective, theta: PyTree) -> tuple[jax.Array, ja
     return jnp.sqrt((displacement**2).sum(axis=1).mean()), angle
 
 
-def _record(objective: SymmetryObjective, theta: PyTree, evaluation: Evaluation, evaluations: int) -> Step:
-    rms, angle = _measure(objective, theta)
+def _record(evaluations: int, evaluation: Evaluation, measures: tuple[jax.Array, jax.Array]) -> Step:
+    dimensionless, terms, (rms, angle) = jax.device_get(
+        (evaluation.dimensionless, evaluation.terms, measures)
+    )
     return Step(
         evaluations=evaluations,
-        dimensionless=np.asarray(evaluation.dimensionless),
-        terms=np.asarray(evaluation.terms),
+        dimensionless=dimensionless,
+        terms=terms,
         rms_displacement=float(rms),
         smallest_angle=float(np.degrees(angle)),
     )

@@ -12,10 +12,12 @@ from ..eigen import RESULTS, AbstractEigensolver, GeneralizedEigenproblem, eigso
 from ..geometry import project, surface_area, vertex_frames
 from ..killing import Regge
 from ..mesh import TriangleMesh
-from ..sparse import matmat
+from ..sparse import assembled, matmat
 from ._surface import Surface
 
-_BEYOND = 2  # fields beyond those of the target
+BEYOND = 2
+"""Fields beyond those of the target that are watched."""
+_BEFORE = 2  # of how many earlier surfaces the target's fields are kept
 
 
 class AbstractTarget(eqx.Module):
@@ -27,9 +29,12 @@ class AbstractTarget(eqx.Module):
 
     @abc.abstractmethod
     def find(
-        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
-        """The fields on a surface, those of the target first, and whether they were found."""
+        """The fields on a surface, and whether they were found.
+
+        Those of the target first, then `BEYOND` more or none, then what else helps to find the next: the guess there.
+        """
 
     @abc.abstractmethod
     def given(self, mesh: TriangleMesh) -> Float[Array, "n k"] | None:
@@ -40,7 +45,8 @@ class LowestFields(AbstractTarget):
     """The fields of smallest energy: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere.
 
     Two more are carried along, for the record and as guesses. They are exact at the start only: iterating until they
-    converge as well would take longer than all the rest.
+    converge as well would take longer than all the rest. The target's fields on the last two accepted surfaces are carried
+    along too: the next is nearer to the span of all three than to the last.
     """
 
     number: int = eqx.field(default=1, static=True)
@@ -57,15 +63,23 @@ class LowestFields(AbstractTarget):
         return self.number
 
     def find(
-        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
-        problem = jax.lax.stop_gradient(killing_problem(surface))
-        k = min(self.number + _BEYOND, problem.size) if guess is None else self.number
+        problem, k = _assembled_problem(surface), self.number
+        shown = min(k + BEYOND, problem.size)
+        if guess is None:
+            solution = eigsolve(problem, shown, solver, throw=False)
+            before = jnp.zeros((problem.size, _BEFORE * k), solution.eigenvectors.dtype)
+            return jnp.concatenate(
+                [solution.eigenvectors, before], axis=1
+            ), solution.result == RESULTS.successful
         solution = eigsolve(problem, k, solver, guess=guess, throw=False)
-        fields = solution.eigenvectors
-        if guess is not None and guess.shape[1] > k:
-            fields = _ritz_vectors(problem, jnp.concatenate([fields, guess[:, k:]], axis=1))
-        return fields, solution.result == RESULTS.successful
+        fields, solved = solution.eigenvectors, solution.result == RESULTS.successful
+        if guess.shape[1] == k:
+            return fields, solved
+        fields = _ritz_vectors(problem, jnp.concatenate([fields, guess[:, k:shown]], axis=1))
+        last = guess[:, :k] * jnp.sign((guess[:, :k] * fields[:, :k]).sum(axis=0))[None, :]
+        return jnp.concatenate([fields, last, guess[:, shown:-k]], axis=1), solved
 
     def given(self, mesh: TriangleMesh) -> None:
         return None
@@ -81,7 +95,7 @@ class ChosenField(AbstractTarget):
         return 1
 
     def find(
-        self, surface: Surface, guess: Float[Array, "n k"] | None, solver: AbstractEigensolver | None
+        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
         assert guess is not None  # `given`
         return guess, jnp.isfinite(surface.lengths).all()
@@ -99,6 +113,12 @@ def _ritz_vectors(problem: GeneralizedEigenproblem, basis: Float[Array, "n k"]) 
     factor = jnp.linalg.cholesky(basis.T @ matmat(problem.B, basis))
     basis = jax.scipy.linalg.solve_triangular(factor, basis.T, lower=True).T
     return basis @ jnp.linalg.eigh(basis.T @ matmat(problem.A, basis))[1]
+
+
+@eqx.filter_jit
+def _assembled_problem(surface: Surface) -> GeneralizedEigenproblem:
+    problem = killing_problem(surface)
+    return GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
 
 
 def killing_problem(surface: Surface) -> GeneralizedEigenproblem:
