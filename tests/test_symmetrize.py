@@ -101,6 +101,22 @@ def test_it_goes_on_from_a_saved_state_and_leaves_its_input_alone(small, tmp_pat
 
 
 @pytest.mark.slow
+def test_the_solver_of_large_meshes_goes_the_same_way(small, monkeypatch):
+    """With a preconditioner that is made anew after 4 and 8 steps; also from a state between the two."""
+    go_on = {"rtol": 0.0, "atol": 0.0}
+    expected = jaxkvf.symmetrize(small, max_steps=12, **go_on)
+    monkeypatch.setattr("jaxkvf.symmetry._symmetrize._MULTIGRID_FROM", 0)
+    whole = jaxkvf.symmetrize(small, max_steps=12, **go_on)
+    for one, other in zip(whole.history, expected.history, strict=True):
+        assert one.evaluations == other.evaluations
+        np.testing.assert_allclose(one.dimensionless[0], other.dimensionless[0], rtol=1e-4)
+    np.testing.assert_allclose(whole.mesh.vertices, expected.mesh.vertices, atol=1e-6)
+    half = jaxkvf.symmetrize(small, max_steps=6, **go_on)
+    resumed = jaxkvf.symmetrize(small, max_steps=12, resume=half.state, **go_on)
+    np.testing.assert_array_equal(resumed.mesh.vertices, whole.mesh.vertices)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "minimiser", [optx.BFGS(1e-8, 1e-8), optx.NonlinearCG(1e-8, 1e-8)], ids=["BFGS", "CG"]
 )

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
-from jaxtyping import PyTree
+from jaxtyping import ArrayLike, PyTree
 
 from ..eigen import (
     LOBPCG,
@@ -298,7 +298,7 @@ def _measures(moved: Surface, original: Surface) -> tuple[jax.Array, jax.Array]:
     return jnp.sqrt((displacement**2).sum(axis=1).mean()), angle
 
 
-def _record(evaluations: int, evaluation: Evaluation, measures: tuple[jax.Array, jax.Array]) -> Step:
+def _record(evaluations: int, evaluation: Evaluation, measures: tuple[ArrayLike, ArrayLike]) -> Step:
     dimensionless, terms, (rms, angle) = jax.device_get(
         (evaluation.dimensionless, evaluation.terms, measures)
     )
