@@ -109,8 +109,8 @@ def test_the_solver_of_large_meshes_goes_the_same_way(small, monkeypatch):
     whole = jaxkvf.symmetrize(small, max_steps=12, **go_on)
     for one, other in zip(whole.history, expected.history, strict=True):
         assert one.evaluations == other.evaluations
-        np.testing.assert_allclose(one.dimensionless[0], other.dimensionless[0], rtol=1e-4)
-    np.testing.assert_allclose(whole.mesh.vertices, expected.mesh.vertices, atol=1e-6)
+        np.testing.assert_allclose(one.dimensionless[0], other.dimensionless[0], rtol=1e-3)
+    np.testing.assert_allclose(whole.mesh.vertices, expected.mesh.vertices, atol=1e-5)
     half = jaxkvf.symmetrize(small, max_steps=6, **go_on)
     resumed = jaxkvf.symmetrize(small, max_steps=12, resume=half.state, **go_on)
     np.testing.assert_array_equal(resumed.mesh.vertices, whole.mesh.vertices)

@@ -30,7 +30,8 @@ from ._targets import AbstractTarget, LowestFields, killing_problem
 from ._terms import AbstractTerm, LengthFidelity, PositionFidelity, ShapeBarrier
 from ._unknowns import AbstractUnknowns, Displacements, EdgeLengths
 
-_MULTIGRID_FROM = 2_000  # vertices; smaller meshes are solved before multigrid is compiled
+_MULTIGRID_FROM = 4_000  # vertices; smaller meshes are solved before multigrid is compiled
+_COMPILED_MULTIGRID_FROM = 2_000  # where compiled programs are kept from run to run
 _RESIDUAL = 3e-9  # of the eigensolves: gradients inherit it to first order
 _PREPARED_AFTER = {2**i for i in range(2, 30)}  # accepted steps: they become smaller and smaller
 _DOUBTFUL = 3  # rejected steps in a row
@@ -71,8 +72,9 @@ def symmetrize(
         unknowns: what is varied: `Displacements()` (the default), `EdgeLengths()`, `Parameters(…)`.
         minimiser: any optimistix minimiser over the unknowns, by default L-BFGS; or a least-squares solver, which is given
             the Killing energy as a sum of squares in (unknowns, fields).
-        solver: eigensolver; by default LOBPCG with multigrid on meshes that are worth it, its preconditioner made anew
-            after 4, 8, 16, … steps, shift-invert on small ones.
+        solver: eigensolver; by default LOBPCG with multigrid from 4,000 vertices on (2,000 where JAX keeps compiled
+            programs, `jax_compilation_cache_dir`), its preconditioner made anew after 4, 8, 16, … steps; shift-invert on
+            smaller meshes.
         rtol: done when Σ λ · area ≤ rtol × its value at the input + atol.
         atol: see rtol; dimensionless.
         reach: largest root mean square displacement, in mean edges: a mesh that would have to go further has no symmetry
@@ -118,9 +120,10 @@ def symmetrize(
     elif callback is not None:
         callback(history[0])
     goal = rtol * _asymmetry(state.history[0], chosen) + atol
-    multigrid = None
-    if solver is None and mesh.topology.n_vertices >= _MULTIGRID_FROM:
-        multigrid = multigrid_preconditioner(mesh)
+    kept = bool(jax.config.jax_compilation_cache_dir)  # pyright: ignore[reportAttributeAccessIssue]
+    least = _COMPILED_MULTIGRID_FROM if kept else _MULTIGRID_FROM
+    worth_it = solver is None and mesh.topology.n_vertices >= least
+    multigrid = multigrid_preconditioner(mesh) if worth_it else None
     state, outcome = _minimised(
         minimiser,
         objective,
