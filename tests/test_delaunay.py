@@ -1,7 +1,6 @@
-"""The intrinsic Delaunay triangulation: what flips keep, what they reach, their derivatives; `dec` on top of it."""
+"""The intrinsic Delaunay triangulation: what flips keep, what they reach, their derivatives."""
 
 import functools
-import itertools
 
 import equinox as eqx
 import igl
@@ -9,20 +8,26 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.linalg
+from bad_triangles import (
+    central_difference,
+    differentiated,
+    doubled_triangle,
+    grid_torus,
+    random_spheroid,
+    sheared_torus,
+    spindle,
+    stretched_plane,
+    surface,
+    thin_strip,
+)
 from scipy.spatial import Delaunay
 
 from jaxkvf import (
-    KillingFields,
     Topology,
     TriangleMesh,
     intrinsic_killing_eigenvalues,
-    killing_eigenvalues,
-    killing_fields,
-    reference,
     shapes,
 )
-from jaxkvf.eigen import DenseEigh, ScipyEigsh, eigsolve
 from jaxkvf.exterior import sharp
 from jaxkvf.geometry import (
     angle_defects,
@@ -34,86 +39,12 @@ from jaxkvf.geometry import (
     edge_lengths,
     geodesic_curvatures,
     intrinsic_delaunay,
-    project,
     surface_area,
-    vertex_frames,
 )
-from jaxkvf.killing import Dec, vector_mass
+from jaxkvf.killing import Dec
 from jaxkvf.sparse import to_scipy
 
-STRETCH = (1.0, 1.0, 2.5)
 DEC = Dec()
-
-
-def surface(mesh: TriangleMesh) -> tuple[jax.Array, Topology]:
-    return edge_lengths(mesh.vertices, mesh.topology), mesh.topology
-
-
-def grid_faces(n: int, m: int) -> np.ndarray:
-    """n × m squares of a torus, each cut along its diagonal; vertex (i, j) is number m i + j."""
-    i, j = (part.ravel() for part in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
-    a, b, c, d = ((i + p) % n * m + (j + q) % m for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-
-
-def grid_torus(n: int, m: int, noise: float = 0.0) -> TriangleMesh:
-    """A torus of planar quadrilaterals with corners on a circle, so that the diagonal of each has ⋆₁ = 0."""
-    shift = noise * np.random.default_rng(0).standard_normal((2, n, m))
-    u = (np.arange(n)[:, None] + shift[0]) * 2 * np.pi / n
-    v = (np.arange(m) + shift[1]) * 2 * np.pi / m
-    r = 2 + 0.8 * np.cos(v)
-    points = np.stack([r * np.cos(u), r * np.sin(u), 1.04 * np.sin(v)], axis=-1)
-    return TriangleMesh.from_arrays(points.reshape(-1, 3), grid_faces(n, m))
-
-
-def sheared_torus(n: int, shear: int) -> tuple[jax.Array, Topology]:
-    """The flat square torus of area n², its unit squares sheared by an integer: the same surface, far from Delaunay."""
-    topology = Topology.from_faces(grid_faces(n, n))
-    i, j = np.divmod(np.asarray(topology.edges), n)
-    x, y = ((np.diff(index, axis=1)[:, 0] + n // 2) % n - n // 2 for index in (i, j))
-    return jnp.asarray(np.hypot(x + shear * y, y)), topology
-
-
-def stretched_plane(count: int) -> TriangleMesh:
-    """Random points in a square, Delaunay, then stretched: flat, with convex boundary."""
-    points = np.random.default_rng(4).uniform(size=(count, 2))
-    faces = Delaunay(points).simplices
-    u, v = points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]]
-    backwards = u[:, 0] * v[:, 1] < u[:, 1] * v[:, 0]
-    faces[backwards] = faces[backwards][:, ::-1]
-    return TriangleMesh.from_arrays(np.pad(points * [8.0, 1.0], [(0, 0), (0, 1)]), faces)
-
-
-def spindle(belt: int) -> TriangleMesh:
-    """Two far tips over a ring of few vertices that runs up and down wildly."""
-    angle = 2 * np.pi * np.arange(belt) / belt
-    height = np.random.default_rng(0).uniform(-90, 90, belt)
-    ring = np.stack([np.cos(angle), np.sin(angle), height], axis=1)
-    i, j = np.arange(belt), (np.arange(belt) + 1) % belt
-    faces = np.concatenate([np.stack([i, j, 0 * i + belt], 1), np.stack([j, i, 0 * i + belt + 1], 1)])
-    return TriangleMesh.from_arrays(np.concatenate([ring, [[0, 0, 100.0], [0, 0, -100.0]]]), faces)
-
-
-def doubled_triangle() -> tuple[jax.Array, Topology]:
-    """A triangle and its mirror image glued along all three sides: 2, √2, √2.5 with an obtuse angle at vertex 2."""
-    topology = Topology.from_faces(np.array([[0, 1, 2], [0, 2, 1]]))
-    corners = np.array([[0.0, 0], [2.0, 0], [0.9, 0.5]])
-    tail, head = np.asarray(topology.edges).T
-    return jnp.asarray(np.linalg.norm(corners[tail] - corners[head], axis=1)), topology
-
-
-def thin_strip(count: int) -> TriangleMesh:
-    """Two parallel lines of points joined by a fan from each end: about as far from Delaunay as can be."""
-    x, i = np.linspace(0, 1, count), np.arange(count - 1)
-    points = np.concatenate([np.stack([x, 0 * x, 0 * x], 1), np.stack([x, 0 * x + 0.01, 0 * x], 1)])
-    upper = np.stack([0 * i, count + i + 1, count + i], 1)
-    lower = np.stack([i, i + 1, 0 * i + 2 * count - 1], 1)
-    return TriangleMesh.from_arrays(points, np.concatenate([upper, lower]))
-
-
-@functools.cache
-def random_spheroid(count: int) -> TriangleMesh:
-    return shapes.random_sphere(count, seed=1, radii=STRETCH)
 
 
 SURFACES = {
@@ -329,18 +260,6 @@ def smooth_function(vertices, topology, weights):
     return weights @ jnp.log(found.lengths)
 
 
-@functools.cache
-def differentiated() -> tuple[TriangleMesh, jax.Array, jax.Array]:
-    mesh = random_spheroid(700)
-    random = np.random.default_rng(5)
-    weights = random.standard_normal(mesh.topology.n_edges)
-    return mesh, jnp.asarray(weights), jnp.asarray(random.standard_normal(mesh.vertices.shape))
-
-
-def central_difference(function, x, direction, step):
-    return (function(x + step * direction) - function(x - step * direction)) / (2 * step)
-
-
 def test_derivatives_flow_through_flips():
     mesh, weights, direction = differentiated()
     step = 1e-6
@@ -440,153 +359,3 @@ def test_impossible_lengths_stay_visible():
     lengths, topology = surface(shapes.icosphere(2))
     found = intrinsic_delaunay(lengths.at[0].mul(10.0), topology)
     assert np.isnan(surface_area(found.lengths, found.topology))
-
-
-# The discretization on top
-
-
-@functools.cache
-def spheroid_reference() -> np.ndarray:
-    return reference.surface_of_revolution_spectrum(np.sin, lambda t: 2.5 * np.cos(t), 10)
-
-
-@functools.cache
-def spheroid_fields(count: int, discretization: str) -> KillingFields:
-    return killing_fields(random_spheroid(count), 10, discretization=discretization)
-
-
-@pytest.mark.parametrize("count", [2562, slow(10242)])
-def test_dec_on_bad_triangles(count):
-    error = np.asarray(spheroid_fields(count, "dec").eigenvalues) - spheroid_reference()
-    bound = {2562: 1.5e-3, 10242: 5e-4}[count]
-    assert np.linalg.norm(error) < bound * np.linalg.norm(spheroid_reference())
-
-
-def test_without_flips_bad_triangles_are_refused():
-    with pytest.raises(eqx.EquinoxRuntimeError, match="B is not positive definite"):
-        killing_fields(random_spheroid(700), 3, discretization=Dec(delaunay=False), solver=ScipyEigsh())
-
-
-def test_flips_change_nothing_on_a_delaunay_mesh():
-    plain, flipped = (
-        eqx.filter_jit(discretization.eigenproblem)(*surface(shapes.icosphere(6)))
-        for discretization in (Dec(delaunay=False), DEC)
-    )
-    assert eqx.tree_equal(plain, flipped)
-
-
-@pytest.mark.slow
-def test_fields_come_back_in_the_frames_of_the_mesh():
-    """Eigenfields of `dec` over thousands of flips are those of `regge`, which knows nothing of them."""
-    mesh = random_spheroid(2562)
-    lengths, topology = surface(mesh)
-    assert int(intrinsic_delaunay(lengths, topology).flips) > 1900
-    mass, frames = vector_mass(lengths, topology), vertex_frames(mesh.vertices, topology)
-    dec, regge = (
-        project(spheroid_fields(2562, name).vectors[:4], frames).reshape(4, -1) for name in ("dec", "regge")
-    )
-    overlap = np.asarray(dec @ jax.vmap(mass.mv)(regge).T)
-    np.testing.assert_allclose(np.abs(overlap[[0, 3], [0, 3]]), 1, atol=2e-3)
-    np.testing.assert_allclose(np.linalg.svd(overlap[1:3, 1:3])[1], 1, atol=2e-3)  # a pair turns freely
-
-
-@pytest.mark.slow
-def test_eigenvalues_follow_the_vertices_across_flips():
-    """Their derivative is right, and they stay continuous where edges change over to the other diagonal."""
-    mesh, _, direction = differentiated()
-
-    @jax.jit
-    def low(x):
-        return killing_eigenvalues(mesh.with_vertices(x), 3, discretization="dec", solver=ScipyEigsh())
-
-    def total(x):
-        return low(x).sum()
-
-    slope = jnp.vdot(jax.jit(jax.grad(total))(mesh.vertices), direction)
-    np.testing.assert_allclose(slope, central_difference(total, mesh.vertices, direction, 1e-6), rtol=1e-5)
-
-    steps = np.linspace(0, 1e-3, 21)
-    faces = [
-        np.asarray(
-            DEC.triangulation(*surface(mesh.with_vertices(mesh.vertices + s * direction))).topology.faces
-        )
-        for s in steps
-    ]
-    assert sum((a != b).any() for a, b in itertools.pairwise(faces)) >= 3
-    along = np.array([low(mesh.vertices + s * direction) for s in steps])
-    bend = np.abs(np.diff(along, n=2, axis=0)).max(axis=0)
-    assert (bend < 0.5 * np.abs(np.diff(along, axis=0)).max(axis=0)).all()
-
-
-def test_vertex_fields_survive_the_round_trip():
-    """The rotation about the axis, to a form on the flipped edges and back, and its energy on the way."""
-    mesh = random_spheroid(2562)
-    lengths, topology = surface(mesh)
-    x, y, _ = mesh.vertices.T
-    rotation = project(jnp.stack([-y, x, 0 * x], axis=1), vertex_frames(mesh.vertices, topology))
-
-    @jax.jit
-    def there_and_back(lengths):
-        form = DEC.from_vertex_vectors(rotation, lengths, topology)
-        problem = DEC.eigenproblem(lengths, topology)
-        products = form @ problem.A.mv(form), form @ problem.B.mv(form)
-        return (
-            DEC.to_vertex_vectors(form, lengths, topology),
-            *products,
-            DEC.energy(form, lengths, topology),
-        )
-
-    back, stiffness, mass, energy = there_and_back(lengths)
-    assert float(jnp.abs(back - rotation).max()) < 5e-3
-    np.testing.assert_allclose(energy, stiffness, rtol=1e-12)
-    assert abs(float(stiffness / mass)) < 0.1 * spheroid_reference()[1]
-
-
-# Edges of no weight
-
-
-def test_edges_without_weight_join_faces_to_polygons():
-    """A third of the edges have ⋆₁ = 0; eliminating their unknowns exactly gives the same eigenvalues."""
-    lengths, topology = surface(grid_torus(12, 8))
-    weights = np.asarray(cotan_weights(lengths, topology))
-    none = np.abs(weights) < 1e-12
-    assert none.sum() == topology.n_edges // 3
-    problem = eqx.filter_jit(DEC.eigenproblem)(lengths, topology)
-    A = to_scipy(problem.A).toarray()
-    eliminated = A[np.ix_(~none, ~none)] - A[np.ix_(~none, none)] @ np.linalg.solve(
-        A[np.ix_(none, none)], A[np.ix_(none, ~none)]
-    )
-    exact = scipy.linalg.eigh(eliminated, np.diag(weights[~none]), eigvals_only=True)[:10]
-    for solver in (DenseEigh(), ScipyEigsh()):
-        np.testing.assert_allclose(
-            eqx.filter_jit(eigsolve)(problem, 10, solver).eigenvalues, exact, rtol=3e-6
-        )
-
-
-def test_a_grid_without_weight_is_like_a_mesh_beside_it():
-    exact, near = (
-        np.asarray(killing_eigenvalues(grid_torus(48, 30, noise), 8, discretization="dec"))
-        for noise in (0.0, 1e-3)
-    )
-    np.testing.assert_allclose(exact, near, rtol=5e-3, atol=1e-4 * exact[-1])
-
-
-@pytest.mark.slow
-def test_derivatives_where_weights_leave_zero():
-    """Shortening the diagonals gives them weight at once; the derivative is that from this side."""
-    lengths, topology = surface(grid_torus(16, 10))
-    weightless = jnp.abs(cotan_weights(lengths, topology)) < 1e-12
-    rate = jnp.where(
-        weightless, jnp.asarray(np.random.default_rng(1).uniform(0.5, 1.5, topology.n_edges)), 0.0
-    )
-
-    @jax.jit
-    def two(t):
-        shortened = lengths * (1 - t * rate)
-        return intrinsic_killing_eigenvalues(
-            shortened, topology, 2, discretization="dec", solver=ScipyEigsh()
-        ).sum()
-
-    h = 1e-4  # beyond the band of weights that count as zero
-    one_sided = (-5 * two(h) + 8 * two(2 * h) - 3 * two(3 * h)) / (2 * h)
-    np.testing.assert_allclose(jax.jit(jax.grad(two))(0.0), one_sided, rtol=1e-3)
