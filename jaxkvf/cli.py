@@ -171,6 +171,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         TextColumn("λ·area = {task.fields[asymmetry]:.2e}"),
         TimeElapsedColumn(),
     )
+    # Drawn seldom: each drawing takes time from the optimizer.
     with Progress(*columns, console=console, transient=True, refresh_per_second=2) as progress:
         task = progress.add_task("", total=options.max_steps, asymmetry=float("nan"))
 

@@ -114,6 +114,16 @@ def test_spoke_angles_fill_the_circle_inside_and_the_corners_at_the_boundary(nam
         np.testing.assert_allclose(angles[ring], expected, atol=1e-12)
 
 
+def test_rotations_between_an_edges_two_directions_transport():
+    mesh = shapes.random_sphere(200, seed=0)
+    lengths, topology = g.edge_lengths(mesh.vertices, mesh.topology), mesh.topology
+    tail, head = jnp.moveaxis(g.edge_directions(lengths, topology), 1, 0)
+    turns = g.rotations_between(tail, head)
+    np.testing.assert_allclose(jnp.einsum("eij,ej->ei", turns, tail), head, atol=1e-14)
+    expected = g.rotations(g.transport_angles(lengths, topology))
+    np.testing.assert_allclose(turns, expected, atol=1e-13)
+
+
 def test_transport_around_a_face_turns_by_its_curvature():
     """Counter-clockwise around a face the rotations compose to the excess of its rescaled angles, as on a sphere."""
     mesh = shapes.random_sphere(60, seed=2)

@@ -25,6 +25,7 @@ from ._metric import surface_area as surface_area
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations
+from ._tangent import rotations_between as rotations_between
 from ._tangent import spoke_angles as spoke_angles
 from ._tangent import transport as transport
 from ._tangent import transport_angles as transport_angles

@@ -63,7 +63,19 @@ def transport_angles(lengths: Float[Array, " E"], topology: Topology) -> Float[A
 @jax.jit
 def rotations(angles: Float[Array, "*shape"]) -> Float[Array, "*shape 2 2"]:
     """Rotation matrix by each angle, counter-clockwise."""
-    cos, sin = jnp.cos(angles), jnp.sin(angles)
+    return _turning(jnp.cos(angles), jnp.sin(angles))
+
+
+@jax.jit
+def rotations_between(
+    start: Float[Array, "*shape 2"], end: Float[Array, "*shape 2"]
+) -> Float[Array, "*shape 2 2"]:
+    """Rotation matrix that carries each unit vector `start` to `end`, without a detour by angles."""
+    (start_x, start_y), (end_x, end_y) = jnp.moveaxis(start, -1, 0), jnp.moveaxis(end, -1, 0)
+    return _turning(start_x * end_x + start_y * end_y, start_x * end_y - start_y * end_x)
+
+
+def _turning(cos: Float[Array, "*shape"], sin: Float[Array, "*shape"]) -> Float[Array, "*shape 2 2"]:
     return jnp.stack([jnp.stack([cos, -sin], -1), jnp.stack([sin, cos], -1)], -2)
 
 

@@ -19,11 +19,7 @@ import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
 
 from ..eigen import GeneralizedEigenproblem
-from ..geometry import (
-    corner_cotangents,
-    edge_directions,
-    face_areas,
-)
+from ..geometry import corner_cotangents, edge_directions, face_areas, rotations_between
 from ..mesh import Topology
 from ..sparse import SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
 from ._discretization import AbstractDiscretization
@@ -206,10 +202,7 @@ def _mass(
     around = jnp.broadcast_to(areas[:, None], (topology.n_faces, 3))
     vertex = _sum_over(topology.faces, around, topology.n_vertices) / 4
     edge = _sum_over(topology.face_edges, around, topology.n_edges) / 24
-    # The rotation from the edge's direction in its head's frame to that in its tail's.
-    (tail_x, tail_y), (head_x, head_y) = directions[:, 0].T, directions[:, 1].T
-    cos, sin = tail_x * head_x + tail_y * head_y, head_x * tail_y - head_y * tail_x
-    head_to_tail = jnp.stack([jnp.stack([cos, -sin], -1), jnp.stack([sin, cos], -1)], -2)
+    head_to_tail = rotations_between(directions[:, 1], directions[:, 0])
     return SymmetricBlockOperator(
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
         upper=edge[:, None, None] * head_to_tail,

@@ -216,7 +216,7 @@ def _minimised(
             break
         y, inner, advance = _step(minimiser, fn, y, inner, evaluation)
         evaluations += 1
-        moved, at_rest, measures = jax.device_get(advance)
+        moved, at_rest, measures = jax.device_get(advance)  # at once: each wait for a number costs
         if moved:
             rejections = 0
             if squared:

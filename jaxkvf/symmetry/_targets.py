@@ -69,10 +69,9 @@ class LowestFields(AbstractTarget):
         shown = min(k + BEYOND, problem.size)
         if guess is None:
             solution = eigsolve(problem, shown, solver, throw=False)
-            before = jnp.zeros((problem.size, _BEFORE * k), solution.eigenvectors.dtype)
-            return jnp.concatenate(
-                [solution.eigenvectors, before], axis=1
-            ), solution.result == RESULTS.successful
+            fields, solved = solution.eigenvectors, solution.result == RESULTS.successful
+            before = jnp.zeros((problem.size, _BEFORE * k), fields.dtype)
+            return jnp.concatenate([fields, before], axis=1), solved
         solution = eigsolve(problem, k, solver, guess=guess, throw=False)
         fields, solved = solution.eigenvectors, solution.result == RESULTS.successful
         if guess.shape[1] == k:
