@@ -24,11 +24,11 @@ class Interpolation(eqx.Module):
     Each node is owned by a coarse node. A coarse edge joins the owners of the ends of some fine edge, its bridge.
     """
 
-    weights: Float[Array, "n slots"]
+    weights: Float[Array, "slots n"]
     """Of the coarse nodes each node is interpolated from, summing to 1; 0 in empty slots."""
-    columns: Int[Array, "n slots"]
+    columns: Int[Array, "slots n"]
     """These coarse nodes."""
-    slot_views: Int[Array, "n slots"]
+    slot_views: Int[Array, "slots n"]
     """View of the coarse edge from each node's owner to the coarse node in the slot."""
     parents: Int[Array, " n"]
     """Next node on the path to each node's owner; itself at the path's end."""
@@ -44,13 +44,14 @@ class Interpolation(eqx.Module):
     hops: int = eqx.field(static=True)
     """Edges on the longest path to an owner."""
 
-    def rotations(
-        self, turns: Float[Array, "m b b"]
-    ) -> tuple[Float[Array, "n slots b b"], Float[Array, "coarse_m b b"]]:
-        """Those from the coarse node in each slot to the node, and from head to tail of each coarse edge.
+    def prolongation(
+        self, turns: Float[Array, "m b b"], scale: Float[Array, "n b b"]
+    ) -> tuple[Float[Array, "p b b"], Float[Array, "coarse_m b b"]]:
+        """The blocks scale_i w_ij R_ij, slot by slot, and the rotations from head to tail of each coarse edge.
 
         Args:
-            turns: those from head to tail of each edge.
+            turns: rotations from head to tail of each edge.
+            scale: what each node's values are multiplied by.
         """
         seen = _by_view(turns)
         step = seen[self.parent_views]
@@ -59,12 +60,20 @@ class Interpolation(eqx.Module):
             from_owner = times(step, from_owner[self.parents])
         a, b = self.bridge_ends.T
         coarse = times(from_owner.mT[a], times(seen[self.bridges], from_owner[b]))
-        return times(from_owner[:, None], _by_view(coarse)[self.slot_views]), coarse
+        by_owner, views = times(scale, from_owner), _by_view(coarse)
 
-    def shares(self) -> Float[Array, "n slots"]:
+        def in_slot(slot: tuple[Float[Array, " n"], Int[Array, " n"]]) -> Float[Array, "n b b"]:
+            weights, slot_views = slot
+            return weights.astype(scale.dtype)[:, None, None] * times(by_owner, views[slot_views])
+
+        # A loop for XLA, which would compute a plain expression anew for each of the many that gather the blocks.
+        blocks = jax.lax.map(in_slot, (self.weights, self.slot_views))
+        return blocks.reshape(-1, *scale.shape[1:]), coarse
+
+    def shares(self) -> Float[Array, " p"]:
         """How a quantity at each node is shared out to the coarse nodes: in proportion to |weights|, and all of it."""
         sizes = jnp.abs(self.weights)
-        return sizes / sizes.sum(axis=1, keepdims=True)
+        return (sizes / sizes.sum(axis=0, keepdims=True)).ravel()
 
 
 def _by_view(turns: Float[Array, "m b b"]) -> Float[Array, "views b b"]:
@@ -96,9 +105,8 @@ class Coarsening(eqx.Module):
     def build(cls, interpolation: Interpolation, edges: Int[np.ndarray, "e 2"]) -> "Coarsening":
         """The layouts for operators on the graph `edges`; on the host."""
         weights, columns = np.asarray(interpolation.weights), np.asarray(interpolation.columns)
-        n, _ = weights.shape
-        full = weights != 0
-        rows = np.repeat(np.arange(n, dtype=np.int32), full.sum(axis=1))
+        full, n = weights != 0, weights.shape[1]
+        rows = np.broadcast_to(np.arange(n, dtype=np.int32), full.shape)[full]
         K = Pattern.of_graph(edges, n)
         P = Pattern.from_entries(rows, columns[full], np.flatnonzero(full), (n, interpolation.n_coarse))
         R = P.transposed()
@@ -121,6 +129,6 @@ class Coarsening(eqx.Module):
         self, blocks: Float[Array, "e b b"], P: Float[Array, "p b b"]
     ) -> SymmetricBlockOperator:
         """PᵀKP, by the blocks of K (diagonal, upper, transposed upper) and of P (slot by slot of each node)."""
-        product = self.galerkin(P.mT, self.half(blocks, P))[self.diagonal_first]
+        product = self.galerkin(P, self.half(blocks, P), transposed=True)[self.diagonal_first]
         n = self.interpolation.n_coarse
         return SymmetricBlockOperator(diagonal=product[:n], upper=product[n:], edges=self.coarse_edges)

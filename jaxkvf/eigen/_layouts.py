@@ -87,13 +87,14 @@ class RowLayout(eqx.Module):
             None if places is None else jax.device_put(places),
         )
 
-    def fill(self, blocks: Float[Array, "m r c"]) -> "RowProduct":
-        """The matrix with these blocks."""
-        _, r, c = blocks.shape
+    def fill(self, blocks: Float[Array, "m _ _"], *, transposed: bool = False) -> "RowProduct":
+        """The matrix with these blocks, or with their transposes."""
+        rows, columns = (4, 3) if transposed else (3, 4)
+        r, c = blocks.shape[rows - 2], blocks.shape[columns - 2]
 
         def values(entries: Int[Array, "_ _ _"]) -> Float[Array, "_ _ _ _"]:
             found = blocks.at[entries].get(mode="fill", fill_value=0)
-            return jnp.moveaxis(found, 4, 2).reshape(*entries.shape[:2], c, -1)
+            return found.transpose(0, 1, columns, 2, rows).reshape(*entries.shape[:2], c, -1)
 
         return RowProduct(tuple(values(part) for part in self.entries), self.columns, self.places, r)
 
@@ -159,16 +160,22 @@ class ProductLayout(eqx.Module):
         )
         return layout, pattern
 
-    def __call__(self, L: Float[Array, "l a b"], R: Float[Array, "r b c"]) -> Float[Array, "m a c"]:
-        """The blocks of L R."""
-        (_, a, b), c = L.shape, R.shape[2]
+    def __call__(
+        self, L: Float[Array, "l _ _"], R: Float[Array, "r b c"], *, transposed: bool = False
+    ) -> Float[Array, "m a c"]:
+        """The blocks of L R, from those of L or from their transposes."""
+        b, c = R.shape[1:]
+        a = L.shape[2] if transposed else L.shape[1]
+        across, down = (1, a) if transposed else (b, 1)
 
         # A block is a row of numbers here: XLA fetches those together.
         def term(left: Int[Array, " entries"], right: Int[Array, " entries"]) -> Float[Array, "entries ac"]:
             x = L.reshape(-1, a * b).at[left].get(mode="fill", fill_value=0)
             y = R.reshape(-1, b * c).at[right].get(mode="promise_in_bounds")
             sums = (
-                sum(x[:, b * i + j] * y[:, c * j + k] for j in range(b)) for i in range(a) for k in range(c)
+                sum(x[:, across * i + down * j] * y[:, c * j + k] for j in range(b))
+                for i in range(a)
+                for k in range(c)
             )
             return jnp.stack([*sums], axis=1)
 
@@ -264,28 +271,34 @@ def _product_terms(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of these rows of L R: each entry's column, entries a row, terms an entry; and left and right of each term."""
     starts = L.starts[first : last + 1]
-    through = L.columns[starts[0] : starts[-1]]
-    lengths = (R.starts[1:] - R.starts[:-1])[through]
+    here = slice(starts[0], starts[-1])
+    # `take` and `compress` rather than indexing: they are faster, and let go of Python's lock.
+    through = L.columns[here]
+    lengths = np.take(R.starts[1:], through) - np.take(R.starts, through)
     ends = np.cumsum(lengths)
-    position = np.arange(ends[-1], dtype=np.int32)
-    position += np.repeat((R.starts[through] - ends + lengths).astype(np.int32), lengths)
-    columns = R.columns[position]
-    left = np.repeat(L.entries[starts[0] : starts[-1]], lengths)
-    right = R.entries[position]
-    row_starts = np.append(0, ends)[starts - starts[0]]
-    if upper:
-        keep = columns >= np.repeat(np.arange(first, last, dtype=np.int32), np.diff(row_starts))
-        columns, left, right = columns[keep], left[keep], right[keep]
-        row_starts = np.append(0, np.cumsum(keep))[row_starts]
+    total = int(ends[-1])
+    position = np.arange(total, dtype=np.int32)
+    position += np.repeat((np.take(R.starts, through) - ends + lengths).astype(np.int32), lengths)
+    columns = np.take(R.columns, position)
+    row_lengths = np.diff(np.append(0, ends)[starts - starts[0]])
 
-    # SciPy sorts the terms of each row by their column; both numbers of a term travel as one.
-    pairs = left.astype(np.int64) << 32 | right
-    terms = sp.csr_array((pairs, columns, row_starts), shape=(last - first, R.n_columns))
-    terms.sort_indices()
-    columns, pairs = terms.indices, np.asarray(terms.data, np.int64)
-    starts_entry = np.append(True, columns[1:] != columns[:-1])
-    starts_entry[row_starts[:-1]] = True
-    entry_starts = np.flatnonzero(starts_entry)
-    counts = np.diff(np.searchsorted(entry_starts, row_starts))
-    lengths = np.diff(entry_starts, append=len(columns))
-    return columns[entry_starts], counts, lengths, (pairs >> 32).astype(np.int32), pairs.astype(np.int32)
+    # Terms are sorted by row and column as one number with their own.
+    term_bits, column_bits = total.bit_length(), R.n_columns.bit_length()
+    keys = np.repeat(np.arange(last - first) << (term_bits + column_bits), row_lengths)
+    keys |= columns.astype(np.int64) << term_bits
+    keys |= np.arange(total)
+    if upper:
+        keys = np.compress(columns >= np.repeat(np.arange(first, last, dtype=np.int32), row_lengths), keys)
+    keys.sort()
+    terms = keys & ((1 << term_bits) - 1)
+    keys >>= term_bits
+    entry_starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
+    places = np.take(keys, entry_starts)
+    owners = np.repeat(np.arange(len(through), dtype=np.int32), lengths)
+    return (
+        (places & ((1 << column_bits) - 1)).astype(np.int32),
+        np.bincount(places >> column_bits, minlength=last - first),
+        np.diff(entry_starts, append=len(keys)),
+        np.take(L.entries[here], np.take(owners, terms)),
+        np.take(R.entries, np.take(position, terms)),
+    )

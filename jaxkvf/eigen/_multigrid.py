@@ -88,7 +88,7 @@ class Multigrid(AbstractPreconditioner):
         if self.hierarchy:
             finest = self.hierarchy[0].interpolation
             built, got = (
-                (finest.weights.shape[0], finest.n_edges),
+                (finest.weights.shape[1], finest.n_edges),
                 (len(operator.diagonal), len(operator.upper)),
             )
             if built != got:
@@ -148,16 +148,14 @@ class _Level(eqx.Module):
         identity = jnp.broadcast_to(jnp.eye(b, dtype=dtype), (n, b, b))
         blocks = jnp.concatenate([identity, upper, upper.mT])
 
-        rotations, coarse_turns = interpolation.rotations(turns)
         to_scaled = times(G, K.diagonal)  # G⁻ᵀ
-        P = interpolation.weights.astype(dtype)[:, :, None, None] * times(to_scaled[:, None], rotations)
-        P = P.reshape(-1, b, b)
+        P, coarse_turns = interpolation.prolongation(turns, to_scaled)
         shares = interpolation.shares().astype(dtype).reshape(-1, 1, 1)
         level = cls(
             G=G,
             smoother=Smoother.prepare(coarsening.operator.fill(blocks), n * b, dtype, degree),
             P=coarsening.prolongation.fill(P),
-            R=coarsening.restriction.fill(P.mT),
+            R=coarsening.restriction.fill(P, transposed=True),
             masses=masses,
         )
         coarse_masses = coarsening.restriction.fill(shares)(masses[:, None])[:, 0]

@@ -150,9 +150,9 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
     coarse, bridges, bridge_ends = _coarse_graph(graph, own, int(chosen.sum()))
     weights, columns, slot_views = _interpolated(own, coarse, np.flatnonzero(chosen))
     interpolation = Interpolation(
-        weights=jax.device_put(weights),
-        columns=jax.device_put(columns.astype(np.int32)),
-        slot_views=jax.device_put(slot_views.astype(np.int32)),
+        weights=jax.device_put(weights.T),
+        columns=jax.device_put(columns.T),
+        slot_views=jax.device_put(slot_views.T),
         parents=jax.device_put(own.parents.astype(np.int32)),
         parent_views=jax.device_put(own.parent_views.astype(np.int32)),
         bridges=jax.device_put(bridges.astype(np.int32)),
