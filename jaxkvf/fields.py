@@ -71,7 +71,7 @@ def killing_fields(
             triangulation), or `"regge-delaunay"` (`regge` on it: for meshes with thin triangles).
         region: faces of the piece to look at alone, with free boundary, as a mask `[F]` or as numbers; by default all. The
             vectors are then 0 outside of it, everything else is the piece's own. A component can be solved apart so.
-        solver: eigensolver; by default chosen by backend, size and k: `.stats["solver"]` says which, and why.
+        solver: eigensolver; by default chosen by size and k: `.stats["solver"]` says which, and why.
         clusters: what differentiating inside a cluster of equal eigenvalues does, see `jaxkvf.eigen.eigsolve`.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
