@@ -47,7 +47,7 @@ class Interpolation(eqx.Module):
     def prolongation(
         self, turns: Float[Array, "m b b"], scale: Float[Array, "n b b"]
     ) -> tuple[Float[Array, "p b b"], Float[Array, "coarse_m b b"]]:
-        """The blocks scale_i w_ij R_ij, slot by slot, and the rotations from head to tail of each coarse edge.
+        """The p = slots × n blocks scale_i w_ij R_ij, slot by slot, and the rotations from head to tail of each coarse edge.
 
         Args:
             turns: rotations from head to tail of each edge.
@@ -128,7 +128,7 @@ class Coarsening(eqx.Module):
     def coarse_operator(
         self, blocks: Float[Array, "e b b"], P: Float[Array, "p b b"]
     ) -> SymmetricBlockOperator:
-        """PᵀKP, by the blocks of K (diagonal, upper, transposed upper) and of P (slot by slot of each node)."""
+        """PᵀKP, by the blocks of K (diagonal, upper, transposed upper) and of P (as `prolongation` gives them)."""
         product = self.galerkin(P, self.half(blocks, P), transposed=True)[self.diagonal_first]
         n = self.interpolation.n_coarse
         return SymmetricBlockOperator(diagonal=product[:n], upper=product[n:], edges=self.coarse_edges)

@@ -272,8 +272,8 @@ def _product_terms(
     """Of these rows of L R: each entry's column, entries a row, terms an entry; and left and right of each term."""
     starts = L.starts[first : last + 1]
     here = slice(starts[0], starts[-1])
-    # `take` and `compress` rather than indexing: they are faster, and let go of Python's lock.
     through = L.columns[here]
+    # `take` and `compress` rather than indexing: they are faster, and let go of Python's lock.
     lengths = np.take(R.starts[1:], through) - np.take(R.starts, through)
     ends = np.cumsum(lengths)
     total = int(ends[-1])
