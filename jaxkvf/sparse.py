@@ -73,10 +73,10 @@ class SymmetricBlockOperator(lx.AbstractLinearOperator):
     """Symmetric blocks."""
     upper: Float[Array, "m b b"]
     edges: Int[Array, "m 2"]
-    row_order: Int[Array, " rows"] | None = None
-    """The edges seen from their tails (e) and from their heads (m + e), by the node they are seen from.
+    views: tuple[Int[Array, " starts"], Int[Array, " views"]] | None = None
+    """Where each node's views start, and all views: edge e seen from its tail is e, seen from its head m + e.
 
-    Where it is known it saves fast products a sort.
+    Where they are known they save fast products a sort.
     """
 
     @property

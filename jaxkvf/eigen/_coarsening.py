@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..sparse import SymmetricBlockOperator
+from ..sparsity import Sparsity
 from ._blocks import times
-from ._layouts import Pattern, ProductLayout, RowLayout
+from ._layouts import ProductLayout, RowLayout
 
 
 class Interpolation(eqx.Module):
@@ -105,10 +106,9 @@ class Coarsening(eqx.Module):
     def build(cls, interpolation: Interpolation, edges: Int[np.ndarray, "e 2"]) -> "Coarsening":
         """The layouts for operators on the graph `edges`; on the host."""
         weights, columns = np.asarray(interpolation.weights), np.asarray(interpolation.columns)
-        full, n = weights != 0, weights.shape[1]
-        rows = np.broadcast_to(np.arange(n, dtype=np.int32), full.shape)[full]
-        K = Pattern.of_graph(edges, n)
-        P = Pattern.from_entries(rows, columns[full], np.flatnonzero(full), (n, interpolation.n_coarse))
+        full, n = np.flatnonzero(weights), weights.shape[1]
+        K = Sparsity.of_graph(edges, n)
+        P = Sparsity.from_entries(full % n, columns.ravel()[full], full, (n, interpolation.n_coarse))
         R = P.transposed()
         half, K_P = ProductLayout.build(K, P)
         galerkin, coarse = ProductLayout.build(R, K_P, upper=True)

@@ -14,6 +14,7 @@ import lineax as lx
 from jaxtyping import Array, Float, Int
 
 from ..sparse import SymmetricBlockOperator, TransposedRowSparseOperator, assembled, matmat
+from ._blocks import apply_blocks
 
 BlockProduct = Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
 
@@ -23,35 +24,35 @@ _CHUNK = 1024  # overflowing blocks multiplied at once
 class EllProduct(eqx.Module):
     """X ↦ M X for a matrix of b × b blocks in ELLPACK layout."""
 
-    entries: Float[Array, "width b nb"]
-    """Entry [s, c, b i + a] is that of row a in row block i and column c of the block in its slot s; 0 in empty slots."""
+    entries: Float[Array, "width n b b"]
+    """The block in each slot of each row, 0 in empty slots."""
     neighbours: Int[Array, "width n"]
-    """Column block of each slot."""
-    overflow_blocks: Float[Array, "rest b b"]
-    """Blocks that found no slot, in front; zeros behind."""
-    overflow_places: Int[Array, "rest 2"]
-    """Row block and column block of each."""
+    """Its column block."""
+    overflow: Int[Array, " rest"]
+    """Terms that found no slot, in front."""
     n_overflow: Int[Array, ""]
+    place_of: Callable[[Int[Array, " t"]], tuple[Array, Array, Array]]
+    """Row block, column block and block of such terms; a block of zeros for those behind."""
 
     def __call__(self, block: Float[Array, "mb k"]) -> Float[Array, "nb k"]:
-        width, b, _ = self.entries.shape
+        width, n, b, _ = self.entries.shape
 
-        def gathered(slot: int, c: int) -> Float[Array, "nb k"]:
+        def term(slot: int, c: int) -> Float[Array, "nb k"]:
             rows = b * self.neighbours[slot] + c
-            rows = jnp.broadcast_to(rows[:, None], (len(rows), b)).reshape(
-                -1
-            )  # all rows of a block read the same
-            return block.at[rows].get(mode="promise_in_bounds")  # else XLA clamps every index: 3 times slower
+            rows = jnp.broadcast_to(rows[:, None], (n, b)).reshape(-1)  # all rows of a block read the same
+            read = block.at[rows].get(mode="promise_in_bounds")  # else XLA clamps every index: 3 times slower
+            return self.entries[slot, :, :, c].reshape(-1)[:, None] * read
 
-        slots = [(s, c) for s in range(width) for c in range(b)]
-        product = functools.reduce(jnp.add, (self.entries[s, c][:, None] * gathered(s, c) for s, c in slots))
+        product = functools.reduce(jnp.add, (term(s, c) for s in range(width) for c in range(b)))
 
         def add_chunk(chunk: Array, product: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
-            place = jax.lax.dynamic_slice_in_dim(self.overflow_places, chunk * _CHUNK, _CHUNK)
-            blocks = jax.lax.dynamic_slice_in_dim(self.overflow_blocks, chunk * _CHUNK, _CHUNK)
-            unknown = b * place[:, :, None] + jnp.arange(b, dtype=place.dtype)[None, None]
-            return product.at[unknown[:, 0]].add(blocks @ block[unknown[:, 1]])
+            terms = jax.lax.dynamic_slice_in_dim(self.overflow, chunk * _CHUNK, _CHUNK)
+            rows, columns, blocks = self.place_of(terms)
+            within = jnp.arange(b, dtype=rows.dtype)[None]
+            read = block[b * columns[:, None] + within]
+            return product.at[b * rows[:, None] + within].add(blocks @ read)
 
+        # XLA computes what enters a loop once, not anew wherever it is used.
         return jax.lax.fori_loop(0, (self.n_overflow + _CHUNK - 1) // _CHUNK, add_chunk, product)
 
 
@@ -99,60 +100,94 @@ def _multiple(
 @block_product.register
 def _(operator: TransposedRowSparseOperator) -> BlockProduct:
     M = operator.of
-    m, width = M.columns.shape
-    slots, rest, n_overflow = _slots(M.columns.ravel(), M.n_columns, None)
-    values = jnp.append(M.values.ravel(), 0)
-    places = jnp.stack([jnp.append(M.columns.ravel(), 0)[rest], rest // width % m], axis=1)
+    rows = M.columns.ravel()
+    slots, overflow, n_overflow = _slots(*_by_row(rows, M.n_columns))
+    values = M.values.ravel()
     return EllProduct(
-        entries=values[slots][:, None],
-        neighbours=slots // width % m,
-        overflow_blocks=values[rest][:, None, None],
-        overflow_places=places,
+        entries=values.at[slots].get(mode="fill", fill_value=0)[:, :, None, None],
+        neighbours=slots // M.columns.shape[1] % len(M.columns),
+        overflow=overflow,
         n_overflow=n_overflow,
+        place_of=eqx.Partial(_transposed_terms, M.columns, values),
     )
+
+
+def _transposed_terms(
+    columns: Int[Array, "m width"], values: Float[Array, " t"], terms: Int[Array, " chunk"]
+) -> tuple[Array, Array, Array]:
+    blocks = values.at[terms].get(mode="fill", fill_value=0)[:, None, None]
+    row = columns.ravel().at[terms].get(mode="clip")
+    return row, terms // columns.shape[1] % len(columns), blocks
 
 
 @block_product.register
 def _(operator: SymmetricBlockOperator) -> BlockProduct:
-    n, b, _ = operator.diagonal.shape
-    # Each edge is seen from its tail and from its head; the view numbered 2m is the empty one.
-    rows = operator.edges.T.reshape(-1)
-    columns = jnp.append(operator.edges[:, ::-1].T.reshape(-1), 0)
-    blocks = jnp.concatenate([operator.upper, operator.upper.mT, jnp.zeros((1, b, b), operator.upper.dtype)])
-    view, rest, n_overflow = _slots(rows, n, operator.row_order)
-    entries = jnp.concatenate([operator.diagonal[None], blocks[view]])
+    n, edges = len(operator.diagonal), operator.edges
+    if len(edges) == 0:
+        return eqx.Partial(apply_blocks, operator.diagonal)
+    starts, views = _by_row(edges.T.reshape(-1), n) if operator.views is None else operator.views
+    slots, overflow, n_overflow = _slots(starts, views)
+    itself = jnp.arange(n, dtype=edges.dtype)[None]
+    _, neighbours, blocks = _edge_terms(edges, operator.upper, slots)
     return EllProduct(
-        entries=entries.transpose(0, 3, 1, 2).reshape(len(entries), b, n * b),
-        neighbours=jnp.concatenate([jnp.arange(n, dtype=columns.dtype)[None], columns[view]]),
-        overflow_blocks=blocks[rest],
-        overflow_places=jnp.stack([jnp.append(rows, 0)[rest], columns[rest]], axis=1),
+        entries=jnp.concatenate([operator.diagonal[None], blocks]),
+        neighbours=jnp.concatenate([itself, neighbours]),
+        overflow=overflow,
         n_overflow=n_overflow,
+        place_of=eqx.Partial(_edge_terms, edges, operator.upper),
     )
 
 
+def _edge_terms(
+    edges: Int[Array, "m 2"], upper: Float[Array, "m b b"], views: Int[Array, "*v"]
+) -> tuple[Array, Array, Array]:
+    """Row block, column block and block of edges seen from their tails (e) and heads (m + e); zero for no edge."""
+    m = len(edges)
+    edge = jnp.where(views < m, views, views - m)
+    tail, head = (edges[:, end].at[edge].get(mode="fill", fill_value=0) for end in (0, 1))
+    blocks = upper.at[edge].get(mode="fill", fill_value=0)
+    from_tail = views < m
+    return (
+        jnp.where(from_tail, tail, head),
+        jnp.where(from_tail, head, tail),
+        jnp.where(from_tail[..., None, None], blocks, blocks.mT),
+    )
+
+
+_NOTHING = int(jnp.iinfo(jnp.int32).max)
+
+
+def _by_row(rows: Int[Array, " terms"], n: int) -> tuple[Int[Array, " starts"], Int[Array, " terms"]]:
+    """Where each row's terms start, and the terms by row."""
+    counts = jnp.zeros(n + 1, rows.dtype).at[rows + 1].add(1)
+    return jnp.cumsum(counts, dtype=rows.dtype), jnp.argsort(rows).astype(rows.dtype)
+
+
 def _slots(
-    rows: Int[Array, " terms"], n: int, order: Int[Array, " terms"] | None
+    starts: Int[Array, " starts"], terms: Int[Array, " terms"]
 ) -> tuple[Int[Array, "width n"], Int[Array, " rest"], Int[Array, ""]]:
-    """The terms of each row in slots, those that found none, and how many these are; one past the last stands for none.
+    """The terms of each row in slots, those that found none, and how many these are; out of bounds where there is none.
 
     Args:
-        rows: of each term.
-        n: number of rows.
-        order: the terms sorted by row, where that is known.
+        starts: where each row's terms start.
+        terms: by row.
     """
-    none = len(rows)
-    terms = jnp.argsort(rows).astype(rows.dtype) if order is None else order
-    lengths = jnp.zeros(n, terms.dtype).at[rows].add(1)
-    ends = jnp.cumsum(lengths)
-    starts = ends - lengths
-
+    n, none = len(starts) - 1, len(terms)
     # A fifth above the mean length: a term that finds no slot costs as much as seven slots.
     width = max(1, 6 * none // (5 * n))
-    position = starts[None] + jnp.arange(width, dtype=starts.dtype)[:, None]
-    slots = jnp.append(terms, none)[jnp.where(position < ends[None], position, none)]
+    position = starts[None, :-1] + jnp.arange(width, dtype=starts.dtype)[:, None]
+    position = jnp.where(position < starts[None, 1:], position, none)
+    slots = terms.at[position].get(mode="fill", fill_value=_NOTHING)
 
-    left_over = jnp.arange(none, dtype=starts.dtype) - starts[rows[terms]] >= width
-    place = jnp.where(left_over, jnp.cumsum(left_over) - 1, none)
+    n_overflow = jnp.maximum(jnp.diff(starts) - width, 0).sum(dtype=jnp.int32)
     capacity = max(1, -(-none // _CHUNK)) * _CHUNK
-    rest = jnp.full(capacity, none, terms.dtype).at[place].set(terms, mode="drop")
-    return slots, rest, left_over.sum(dtype=jnp.int32)
+
+    def left_over() -> Int[Array, " rest"]:
+        place = jnp.arange(none, dtype=starts.dtype)
+        row = jnp.searchsorted(starts, place, side="right") - 1
+        waits = place - starts[row] >= width
+        place = jnp.where(waits, jnp.cumsum(waits) - 1, capacity)
+        return jnp.full(capacity, _NOTHING, terms.dtype).at[place].set(terms, mode="drop")
+
+    rest = jax.lax.cond(n_overflow > 0, left_over, lambda: jnp.full(capacity, _NOTHING, terms.dtype))
+    return slots, rest, n_overflow

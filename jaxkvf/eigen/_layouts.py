@@ -4,9 +4,6 @@ Both kinds of product are sums of a varying number of terms, one sum a row (or a
 together, padded to the same length, so that all of them advance by one term at once: gathers and no scatter.
 """
 
-# pyright: reportAttributeAccessIssue=false, reportCallIssue=false, reportArgumentType=false
-# (the stubs of NumPy and SciPy know too little of complex and sparse arrays)
-
 import functools
 import os
 from collections.abc import Callable, Sequence
@@ -17,54 +14,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import scipy.sparse as sp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, DTypeLike, Float, Int, Shaped
+
+from ..compiled import compiled
+from ..sparsity import Sparsity
 
 _T = TypeVar("_T")
 _U = TypeVar("_U")
 
 _MOST_CLASSES = 3  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
-_CHUNK = 1 << 19  # terms at a time on the host, to stay in its cache
+_CHUNK = 1 << 19  # terms that one thread writes at a time
+_ALIGNED = 16  # numbers: JAX takes over arrays that begin at a multiple of 64 bytes
 _UNROLLED = 8  # terms added at once: fewer cost memory traffic, more cost compilation
-
-
-class Pattern(NamedTuple):
-    """Where a block matrix has entries, by rows: those of row r are `starts[r] : starts[r + 1]`. NumPy, on the host."""
-
-    starts: np.ndarray
-    columns: np.ndarray
-    """Column block of each entry, ascending in each row."""
-    entries: np.ndarray
-    """Number of each entry's block in the list of blocks that goes with the matrix."""
-    n_columns: int
-
-    @property
-    def n_rows(self) -> int:
-        return len(self.starts) - 1
-
-    @property
-    def rows(self) -> np.ndarray:
-        return np.repeat(np.arange(self.n_rows, dtype=np.int32), np.diff(self.starts))
-
-    @classmethod
-    def from_entries(
-        cls, rows: np.ndarray, columns: np.ndarray, entries: np.ndarray, shape: tuple[int, int]
-    ) -> "Pattern":
-        """From triples in any order, no place twice."""
-        matrix = sp.coo_array((entries.astype(np.int32), (rows, columns)), shape=shape).tocsr()
-        return cls(matrix.indptr, matrix.indices, matrix.data, shape[1])
-
-    @classmethod
-    def of_graph(cls, edges: Int[np.ndarray, "m 2"], n_nodes: int) -> "Pattern":
-        """Of a `SymmetricBlockOperator`: its blocks are the diagonal ones, the upper ones, the transposed upper ones."""
-        nodes, (tail, head) = np.arange(n_nodes, dtype=np.int32), edges.T
-        rows, columns = np.concatenate([nodes, tail, head]), np.concatenate([nodes, head, tail])
-        return cls.from_entries(rows, columns, np.arange(len(rows)), (n_nodes, n_nodes))
-
-    def transposed(self) -> "Pattern":
-        """The same blocks, seen from the columns."""
-        return Pattern.from_entries(self.columns, self.rows, self.entries, (self.n_columns, self.n_rows))
 
 
 class RowLayout(eqx.Module):
@@ -78,58 +40,65 @@ class RowLayout(eqx.Module):
     """Where each row has gone, unless all stand in their order."""
 
     @classmethod
-    def build(cls, pattern: Pattern) -> "RowLayout":
-        starts = pattern.starts
-        classes, places = _length_classes(np.diff(starts))
-        return cls(
-            tuple(_slots(pattern.columns, starts, rows, width, 0) for rows, width in classes),
-            tuple(_slots(pattern.entries, starts, rows, width, _NOTHING) for rows, width in classes),
-            None if places is None else jax.device_put(places),
+    def build(cls, sparsity: Sparsity) -> "RowLayout":
+        table = _Table.of(np.diff(sparsity.starts))
+        columns, entries = table.empty(), table.empty()
+        _in_threads(
+            lambda rows: _write_rows(*rows, *sparsity[:3], *table.layout, columns, entries),
+            _parts(sparsity.starts),
         )
+        return cls(table.parts(columns), table.parts(entries), table.order)
 
     def fill(self, blocks: Float[Array, "m _ _"], *, transposed: bool = False) -> "RowProduct":
         """The matrix with these blocks, or with their transposes."""
-        rows, columns = (4, 3) if transposed else (3, 4)
-        r, c = blocks.shape[rows - 2], blocks.shape[columns - 2]
-
-        def values(entries: Int[Array, "_ _ _"]) -> Float[Array, "_ _ _ _"]:
-            found = blocks.at[entries].get(mode="fill", fill_value=0)
-            return found.transpose(0, 1, columns, 2, rows).reshape(*entries.shape[:2], c, -1)
-
-        return RowProduct(tuple(values(part) for part in self.entries), self.columns, self.places, r)
+        values = tuple(blocks.at[entries].get(mode="fill", fill_value=0) for entries in self.entries)
+        return RowProduct(values, self.columns, self.places, transposed)
 
 
 class RowProduct(eqx.Module):
     """X ↦ M X for a matrix M of r × c blocks; unknown a of node i is number r i + a of the result."""
 
-    values: tuple[Float[Array, "_ _ _ _"], ...]
+    values: tuple[Float[Array, "_ _ _ _ _"], ...]
+    """The block of each term, or its transpose."""
     columns: tuple[Int[Array, "_ _ _"], ...]
     places: Int[Array, " n"] | None
-    r: int = eqx.field(static=True)
+    transposed: bool = eqx.field(static=True)
 
     def __call__(self, block: Float[Array, "mc k"]) -> Float[Array, "nr k"]:
-        def chunk(values: Float[Array, "slots c rows_r"], columns: Int[Array, "slots rows"]) -> Array:
-            slots, width, _ = values.shape
+        r, c = self.values[0].shape[3:][:: -1 if self.transposed else 1]
 
-            def term(slot: int, c: int) -> Float[Array, "rows_r k"]:
-                row = width * columns[slot] + c
-                row = jnp.broadcast_to(row[:, None], (len(row), self.r)).reshape(-1)
-                return values[slot, c][:, None] * block.at[row].get(mode="promise_in_bounds")
+        def chunk(values: Float[Array, "slots rows _ _"], columns: Int[Array, "slots rows"]) -> Array:
+            def term(slot: int, b: int) -> Float[Array, "rows_r k"]:
+                row = c * columns[slot] + b
+                row = jnp.broadcast_to(row[:, None], (len(row), r)).reshape(-1)
+                factor = values[slot, :, b] if self.transposed else values[slot, :, :, b]
+                return factor.reshape(-1)[:, None] * block.at[row].get(mode="promise_in_bounds")
 
-            return functools.reduce(jnp.add, (term(slot, c) for slot in range(slots) for c in range(width)))
+            return functools.reduce(jnp.add, (term(s, b) for s in range(len(values)) for b in range(c)))
 
-        def add(total: Array, terms: tuple[Array, Array]) -> tuple[Array, None]:
-            return total + chunk(*terms), None
-
-        parts = []
-        for values, columns in zip(self.values, self.columns, strict=True):
-            empty = jnp.zeros((values.shape[3], block.shape[1]), block.dtype)
-            parts.append(jax.lax.scan(add, empty, (values, columns))[0])
-        product = jnp.concatenate(parts)
+        sums = [
+            _sum_of_chunks(chunk, (values.shape[2] * r, block.shape[1]), block.dtype, values, columns)
+            for values, columns in zip(self.values, self.columns, strict=True)
+        ]
+        product = jnp.concatenate(sums)
         if self.places is None:
             return product
-        rows = product.reshape(-1, self.r * block.shape[1])
+        rows = product.reshape(-1, r * block.shape[1])
         return rows.at[self.places].get(mode="promise_in_bounds").reshape(product.shape)
+
+
+def _sum_of_chunks(
+    chunk: Callable[..., Array], shape: tuple[int, ...], dtype: DTypeLike, *terms: Shaped[Array, "chunks ..."]
+) -> Array:
+    """Σ chunk(*terms[i]), which XLA computes once: a loop, or a branch where there is but one chunk.
+
+    It would compute a plain expression anew wherever its result is gathered: of chained products, exponentially often.
+    """
+    empty = jnp.zeros(shape, dtype)
+    if len(terms[0]) > 1:
+        return jax.lax.scan(lambda total, terms: (total + chunk(*terms), None), empty, terms)[0]
+    some = terms[-1].ravel()[0] >= 0  # always, but XLA does not know
+    return jax.lax.cond(some, lambda: chunk(*(part[0] for part in terms)), lambda: empty)
 
 
 class ProductLayout(eqx.Module):
@@ -141,24 +110,25 @@ class ProductLayout(eqx.Module):
     places: Int[Array, " m"] | None
 
     @classmethod
-    def build(cls, L: Pattern, R: Pattern, *, upper: bool = False) -> tuple["ProductLayout", Pattern]:
-        """The layout, and the pattern of the product; with `upper`, of its entries with row ≤ column only."""
-        parts = _in_threads(lambda rows: _product_terms(L, R, *rows, upper), _row_chunks(L, R))
-        columns, counts, lengths, left, right = (np.concatenate(part) for part in zip(*parts, strict=True))
-        starts = np.append(0, np.cumsum(lengths)).astype(np.int32)
-        classes, places = _length_classes(lengths)
-        layout = cls(
-            tuple(_slots(left, starts, entries, width, _NOTHING) for entries, width in classes),
-            tuple(_slots(right, starts, entries, width, 0) for entries, width in classes),
-            None if places is None else jax.device_put(places),
+    def build(cls, L: Sparsity, R: Sparsity, *, upper: bool = False) -> tuple["ProductLayout", Sparsity]:
+        """The layout, and the sparsity of the product; with `upper`, of its entries with row ≤ column only."""
+        chunks = _parts(np.append(0, np.cumsum(np.diff(R.starts)[L.columns]))[L.starts])
+        found = _in_threads(
+            lambda rows: _product_entries(*rows, *L[:2], *R[:2], R.n_columns, upper), chunks
         )
-        pattern = Pattern(
-            starts=np.append(0, np.cumsum(counts)).astype(np.int32),
-            columns=columns,
-            entries=np.arange(len(columns), dtype=np.int32),
-            n_columns=R.n_columns,
+        columns, lengths, counts = (np.concatenate(part) for part in zip(*found, strict=True))
+        starts = np.append(0, np.cumsum(counts)).astype(np.int32)
+        table = _Table.of(lengths)
+        left, right = table.empty(), table.empty()
+        _in_threads(
+            lambda rows: _write_products(
+                *rows, *L[:3], *R[:3], R.n_columns, starts, columns, *table.layout, left, right
+            ),
+            chunks,
         )
-        return layout, pattern
+        entries = np.arange(len(columns), dtype=np.int32)
+        product = Sparsity(starts, columns, entries, R.n_columns)
+        return cls(table.parts(left), table.parts(right), table.order), product
 
     def __call__(
         self, L: Float[Array, "l _ _"], R: Float[Array, "r b c"], *, transposed: bool = False
@@ -179,30 +149,81 @@ class ProductLayout(eqx.Module):
             )
             return jnp.stack([*sums], axis=1)
 
-        def add(total: Array, terms: tuple[Array, Array]) -> tuple[Array, None]:
-            return functools.reduce(jnp.add, map(term, *terms), total), None
+        def chunk(left: Int[Array, "slots entries"], right: Int[Array, "slots entries"]) -> Array:
+            return functools.reduce(jnp.add, map(term, left, right))
 
-        parts = []
-        for left, right in zip(self.left, self.right, strict=True):
-            empty = jnp.zeros((left.shape[2], a * c), L.dtype)
-            parts.append(jax.lax.scan(add, empty, (left, right))[0])
-        product = jnp.concatenate(parts)
+        sums = [
+            _sum_of_chunks(chunk, (left.shape[2], a * c), L.dtype, left, right)
+            for left, right in zip(self.left, self.right, strict=True)
+        ]
+        product = jnp.concatenate(sums)
         return (product if self.places is None else product[self.places]).reshape(-1, a, c)
 
 
 _NOTHING = int(np.iinfo(np.int32).max)
 
 
-def _length_classes(
-    lengths: Int[np.ndarray, " n"],
-) -> tuple[list[tuple[np.ndarray, int]], np.ndarray | None]:
-    """The sums in classes, each with the length it is padded to, and the place of every sum when the classes
-    follow each other.
+class _Table(NamedTuple):
+    """Where the terms of sums stand: sums of similar length in one class, padded to the same number of slots, slot by slot."""
 
-    At most three classes, chosen to minimise the padding; one, with places None, where more do not pay.
+    places: Int[np.ndarray, " sums"]
+    """Of each sum when the classes follow each other."""
+    firsts: Int[np.ndarray, " classes+1"]
+    """First place of each class, and one past the last."""
+    widths: Int[np.ndarray, " classes"]
+    """Slots of each."""
+    offsets: Int[np.ndarray, " classes+1"]
+    """Where the slots of each begin in one long array, and its length."""
+    chunks: tuple[int, ...]
+    """That the slots of each class are added up in."""
+
+    @classmethod
+    def of(cls, lengths: Int[np.ndarray, " sums"]) -> "_Table":
+        class_of, longest = _length_classes(lengths)
+        places, firsts = _places(lengths.astype(np.int32), class_of, len(longest))
+        chunks = [-(-length // _UNROLLED) for length in longest]
+        widths = np.array([-(-length // n) * n for length, n in zip(longest, chunks, strict=True)])
+        ends = [-(-size // _ALIGNED) * _ALIGNED for size in np.diff(firsts) * widths]
+        return cls(places, firsts, widths, np.append(0, np.cumsum(ends)), tuple(chunks))
+
+    @property
+    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """What the loops that write need to know."""
+        return self[:4]
+
+    @property
+    def order(self) -> Int[Array, " sums"] | None:
+        """The places, unless there is but one class."""
+        return None if len(self.widths) == 1 else jax.device_put(self.places)
+
+    def empty(self) -> Int[np.ndarray, " slots"]:
+        return _aligned(int(self.offsets[-1]))
+
+    def parts(self, slots: Int[np.ndarray, " slots"]) -> tuple[Int[Array, "_ _ _"], ...]:
+        """The array of each class, [chunk, slot, sum]."""
+        return tuple(
+            jax.device_put(slots[start : start + width * size].reshape(n, -1, size))
+            for start, width, size, n in zip(
+                self.offsets, self.widths, np.diff(self.firsts), self.chunks, strict=False
+            )
+        )
+
+
+def _aligned(size: int) -> Int[np.ndarray, " size"]:
+    """An array that JAX can use on a CPU as it is, without a copy."""
+    room = np.empty(size + _ALIGNED, np.int32)
+    first = -(room.ctypes.data // room.itemsize) % _ALIGNED
+    return room[first : first + size]
+
+
+def _length_classes(lengths: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " lengths"], list[int]]:
+    """Class of each length from 0 on, and the longest of each class.
+
+    At most three classes, chosen to minimise the padding, and fewer where more do not pay.
     """
-    values, counts = np.unique(lengths, return_counts=True)
-    below = np.append(0, np.cumsum(counts))
+    all_counts = np.bincount(lengths)
+    values = np.flatnonzero(all_counts)
+    below = np.append(0, np.cumsum(all_counts[values]))
     # cost[j, i]: sums with length in values[j : i], padded to values[i − 1]
     cost = (below[None, :] - below[:, None]) * np.append(0, values)[None, :]
     cost = np.where(np.tri(len(below), k=-1, dtype=bool), np.inf, cost)
@@ -216,89 +237,148 @@ def _length_classes(
             total, chosen = best[-1], [len(values)]
             for cut in reversed(cuts):
                 chosen.append(cut[chosen[-1]])
-    widths = values[np.unique(chosen) - 1]
-    which = np.searchsorted(widths, lengths)
-    classes = [(np.flatnonzero(which == c), int(max(width, 1))) for c, width in enumerate(widths)]
-    if len(classes) == 1:
-        return classes, None
-    order = np.concatenate([rows for rows, _ in classes])
-    places = np.empty(len(order), np.int32)
-    places[order] = np.arange(len(order), dtype=np.int32)
-    return classes, places
-
-
-def _slots(
-    terms: Int[np.ndarray, " t"],
-    starts: Int[np.ndarray, " n_starts"],
-    sums: Int[np.ndarray, " s"],
-    width: int,
-    nothing: int,
-) -> Int[Array, "chunks slots s"]:
-    """The terms of these sums, `nothing` where a sum has no more of them."""
-    # A loop of two rounds at least is a loop for XLA, which computes what goes in and what comes out of it once. It would
-    # compute a plain expression anew wherever its result is gathered: of chained products, exponentially often.
-    chunks = max(2, -(-width // _UNROLLED))
-    table = np.full((chunks, -(-width // chunks), len(sums)), nothing, np.int32)
-    rows, step = table.reshape(-1, len(sums)), max(1, _CHUNK // width)
-
-    def write(first: int) -> None:
-        here = slice(first, first + step)
-        position, end = starts[sums[here]], starts[sums[here] + 1]
-        for slot in range(width):
-            np.copyto(rows[slot, here], np.take(terms, position, mode="clip"), where=position < end)
-            position += 1
-
-    _in_threads(write, range(0, len(sums), step))
-    return jax.device_put(table)
+    longest = values[np.unique(chosen) - 1]
+    class_of = np.searchsorted(longest, np.arange(len(all_counts))).astype(np.int32)
+    return class_of, np.maximum(longest, 1).tolist()
 
 
 def _in_threads(function: Callable[[_T], _U], arguments: Sequence[_T]) -> list[_U]:
-    """`map` on all cores; NumPy and SciPy let go of Python's lock in long loops."""
+    """`map` on all cores, for functions that let go of Python's lock."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(function, arguments))
 
 
-def _row_chunks(L: Pattern, R: Pattern) -> list[tuple[int, int]]:
-    """First and last row of parts of the product that fit into the cache."""
-    terms = np.append(0, np.cumsum(np.diff(R.starts)[L.columns]))[L.starts]
-    cuts = np.searchsorted(terms, np.arange(_CHUNK, terms[-1], _CHUNK))
-    cuts = np.unique(np.concatenate([[0], cuts, [L.n_rows]]))
+def _parts(work: Int[np.ndarray, " rows+1"]) -> list[tuple[int, int]]:
+    """First and last row of parts of about the same size, by the work up to each row."""
+    cuts = np.searchsorted(work, np.arange(_CHUNK, work[-1], _CHUNK))
+    cuts = np.unique(np.concatenate([[0], cuts, [len(work) - 1]]))
     return list(zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True))
 
 
-def _product_terms(
-    L: Pattern, R: Pattern, first: int, last: int, upper: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Of these rows of L R: each entry's column, entries a row, terms an entry; and left and right of each term."""
-    starts = L.starts[first : last + 1]
-    here = slice(starts[0], starts[-1])
-    through = L.columns[here]
-    # `take` and `compress` rather than indexing: they are faster, and let go of Python's lock.
-    lengths = np.take(R.starts[1:], through) - np.take(R.starts, through)
-    ends = np.cumsum(lengths)
-    total = int(ends[-1])
-    position = np.arange(total, dtype=np.int32)
-    position += np.repeat((np.take(R.starts, through) - ends + lengths).astype(np.int32), lengths)
-    columns = np.take(R.columns, position)
-    row_lengths = np.diff(np.append(0, ends)[starts - starts[0]])
+@compiled
+def _places(
+    lengths: np.ndarray, class_of: np.ndarray, n_classes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Place of each sum when the classes follow each other, and the first of each class."""
+    firsts = np.zeros(n_classes + 1, np.int64)
+    for length in lengths:
+        firsts[class_of[length] + 1] += 1
+    firsts = np.cumsum(firsts)
+    following = firsts.astype(np.int32)
+    places = np.empty_like(lengths)
+    for i in range(len(lengths)):
+        places[i] = following[class_of[lengths[i]]]
+        following[class_of[lengths[i]]] += 1
+    return places, firsts
 
-    # Terms are sorted by row and column as one number with their own.
-    term_bits, column_bits = total.bit_length(), R.n_columns.bit_length()
-    keys = np.repeat(np.arange(last - first) << (term_bits + column_bits), row_lengths)
-    keys |= columns.astype(np.int64) << term_bits
-    keys |= np.arange(total)
-    if upper:
-        keys = np.compress(columns >= np.repeat(np.arange(first, last, dtype=np.int32), row_lengths), keys)
-    keys.sort()
-    terms = keys & ((1 << term_bits) - 1)
-    keys >>= term_bits
-    entry_starts = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
-    places = np.take(keys, entry_starts)
-    owners = np.repeat(np.arange(len(through), dtype=np.int32), lengths)
-    return (
-        (places & ((1 << column_bits) - 1)).astype(np.int32),
-        np.bincount(places >> column_bits, minlength=last - first),
-        np.diff(entry_starts, append=len(keys)),
-        np.take(L.entries[here], np.take(owners, terms)),
-        np.take(R.entries, np.take(position, terms)),
-    )
+
+@compiled
+def _write_rows(
+    first: int,
+    last: int,
+    starts: np.ndarray,
+    columns: np.ndarray,
+    entries: np.ndarray,
+    places: np.ndarray,
+    firsts: np.ndarray,
+    widths: np.ndarray,
+    offsets: np.ndarray,
+    column_slots: np.ndarray,
+    entry_slots: np.ndarray,
+) -> None:
+    """The entries of these rows into their slots, column 0 and no entry into those left over."""
+    for row in range(first, last):
+        k = np.searchsorted(firsts, places[row], side="right") - 1
+        size = firsts[k + 1] - firsts[k]
+        slot = offsets[k] + places[row] - firsts[k]
+        end = slot + widths[k] * size
+        for i in range(starts[row], starts[row + 1]):
+            column_slots[slot], entry_slots[slot] = columns[i], entries[i]
+            slot += size
+        while slot < end:
+            column_slots[slot], entry_slots[slot] = 0, _NOTHING
+            slot += size
+
+
+@compiled
+def _product_entries(
+    first: int,
+    last: int,
+    L_starts: np.ndarray,
+    L_columns: np.ndarray,
+    R_starts: np.ndarray,
+    R_columns: np.ndarray,
+    n_columns: int,
+    upper: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of these rows of L R: the column of each entry, ascending, and the number of its terms; entries in each row."""
+    most = 0
+    for i in range(L_starts[first], L_starts[last]):
+        most += R_starts[L_columns[i] + 1] - R_starts[L_columns[i]]
+    columns, lengths = np.empty(most, np.int32), np.empty(most, np.int32)
+    counts = np.empty(last - first, np.int32)
+    terms = np.zeros(n_columns, np.int32)  # to each column of the row at hand
+    end = 0
+    for row in range(first, last):
+        start = end
+        for i in range(L_starts[row], L_starts[row + 1]):
+            for j in range(R_starts[L_columns[i]], R_starts[L_columns[i] + 1]):
+                column = R_columns[j]
+                if upper and column < row:
+                    continue
+                if terms[column] == 0:
+                    place = end
+                    while place > start and columns[place - 1] > column:
+                        columns[place] = columns[place - 1]
+                        place -= 1
+                    columns[place] = column
+                    end += 1
+                terms[column] += 1
+        for entry in range(start, end):
+            lengths[entry] = terms[columns[entry]]
+            terms[columns[entry]] = 0
+        counts[row - first] = end - start
+    return columns[:end].copy(), lengths[:end].copy(), counts
+
+
+@compiled
+def _write_products(
+    first: int,
+    last: int,
+    L_starts: np.ndarray,
+    L_columns: np.ndarray,
+    L_entries: np.ndarray,
+    R_starts: np.ndarray,
+    R_columns: np.ndarray,
+    R_entries: np.ndarray,
+    n_columns: int,
+    starts: np.ndarray,
+    columns: np.ndarray,
+    places: np.ndarray,
+    firsts: np.ndarray,
+    widths: np.ndarray,
+    offsets: np.ndarray,
+    left_slots: np.ndarray,
+    right_slots: np.ndarray,
+) -> None:
+    """The terms of the entries in these rows of L R, at the given columns, into their slots."""
+    slots = np.full(n_columns, -1, np.int64)  # next of each column of the row at hand
+    sizes, ends = np.empty(n_columns, np.int64), np.empty(n_columns, np.int64)
+    for row in range(first, last):
+        for entry in range(starts[row], starts[row + 1]):
+            k = np.searchsorted(firsts, places[entry], side="right") - 1
+            column = columns[entry]
+            sizes[column] = firsts[k + 1] - firsts[k]
+            slots[column] = offsets[k] + places[entry] - firsts[k]
+            ends[column] = slots[column] + widths[k] * sizes[column]
+        for i in range(L_starts[row], L_starts[row + 1]):
+            for j in range(R_starts[L_columns[i]], R_starts[L_columns[i] + 1]):
+                slot = slots[R_columns[j]]
+                if slot >= 0:
+                    left_slots[slot], right_slots[slot] = L_entries[i], R_entries[j]
+                    slots[R_columns[j]] = slot + sizes[R_columns[j]]
+        for entry in range(starts[row], starts[row + 1]):
+            column = columns[entry]
+            for slot in range(slots[column], ends[column], sizes[column]):
+                left_slots[slot], right_slots[slot] = _NOTHING, 0
+            slots[column] = -1

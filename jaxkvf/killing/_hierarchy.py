@@ -14,19 +14,19 @@ A simple parallel
 algorithm for the maximal independent set problem (1986).
 """
 
-# pyright: reportAttributeAccessIssue=false, reportCallIssue=false, reportArgumentType=false
-# (the stubs of NumPy and SciPy know too little of complex and sparse arrays)
-
+import os
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import jax
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from ..compiled import compiled
 from ..eigen import Coarsening, Interpolation
 from ..geometry import edge_angles
 from ..mesh import Topology
+from ..sparsity import Sparsity
 
 _HOPS = 2  # coarse points are further apart than this
 _SLOTS = 5  # coarse points that a vertex is interpolated from; six spare no steps
@@ -35,7 +35,7 @@ _ANISOTROPY = (
 )
 _RIDGE = 1e-3  # keeps the linear part of the fit bounded where coarse points lie on a line
 _STALLED = 0.6  # coarsening that leaves more nodes than this is not worth a level
-_CHUNK = 1 << 16  # vertices at a time, to stay in the cache
+_CHUNK = 1 << 14  # vertices that one thread interpolates at a time
 _SEED = 0
 
 
@@ -62,7 +62,7 @@ def vector_hierarchy(
     outward = np.exp(1j * np.asarray(_edge_angles(lengths, topology), np.float64))
     graph = _Graph(
         n=topology.n_vertices,
-        edges=np.asarray(topology.edges),
+        edges=np.array(topology.edges),
         displacements=np.asarray(lengths, np.float64) * outward[:, 0],
         turns=-outward[:, 1] * outward[:, 0].conj(),
     )
@@ -91,46 +91,14 @@ class _Graph(NamedTuple):
     """Of modulus 1, from components in the tail's frame to those in the head's."""
 
 
-class _Neighbours(NamedTuple):
-    """Each node's neighbours, and the node itself: `starts[i] : starts[i + 1]` are those of node i."""
-
-    starts: Int[np.ndarray, " n"]
-    nodes: Int[np.ndarray, " s"]
-    views: Int[np.ndarray, " s"]
-    """Edge from the node to the neighbour: e where the node is its tail, m + e where its head, 2m for the node itself."""
-    displacements: Complex[np.ndarray, " s"]
-    """In the node's frame."""
-    turns: Complex[np.ndarray, " s"]
-    """From the node's frame to the neighbour's."""
-
-    @classmethod
-    def of(cls, graph: _Graph) -> "_Neighbours":
-        (tail, head), m = graph.edges.T, len(graph.edges)
-        nodes = np.arange(graph.n)
-        rows, columns = np.concatenate([nodes, tail, head]), np.concatenate([nodes, head, tail])
-        views = np.concatenate([np.full(graph.n, 2 * m), np.arange(2 * m)]).astype(np.int32)
-        seen = sp.coo_array((views, (rows, columns)), shape=(graph.n, graph.n)).tocsr()
-        views = seen.data
-        displacements = np.concatenate([graph.displacements, -graph.turns * graph.displacements, [0]])
-        turns = np.concatenate([graph.turns, graph.turns.conj(), [1]])
-        return cls(seen.indptr[:-1], seen.indices, views, displacements[views], turns[views])
-
-    def among(self, kept: Bool[np.ndarray, " s"]) -> "_Neighbours":
-        """Only some of them; every node keeps itself."""
-        starts = np.append(0, np.cumsum(kept))[self.starts]
-        return _Neighbours(starts, *(part[kept] for part in self[1:]))
-
-    @property
-    def rows(self) -> Int[np.ndarray, " s"]:
-        return np.repeat(np.arange(len(self.starts)), np.diff(self.starts, append=len(self.nodes)))
-
-
 class _Owners(NamedTuple):
     """The coarse node that owns each node, and the way there."""
 
     owners: Int[np.ndarray, " n"]
     parents: Int[np.ndarray, " n"]
+    """Next node on the way; itself at its end."""
     parent_views: Int[np.ndarray, " n"]
+    """Edge to the parent: e where the node is its tail, m + e where its head, 2m for none."""
     distances: Float[np.ndarray, " n"]
     """Length of the path."""
     displacements: Complex[np.ndarray, " n"]
@@ -140,105 +108,145 @@ class _Owners(NamedTuple):
 
 
 def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolation, _Graph]:
-    around = _Neighbours.of(graph)
-    joined = around.among(_are_joined(around))
-    chosen = _independent_set(joined, random)
-    if chosen.sum() > _STALLED * graph.n:
-        joined = around
-        chosen = _independent_set(joined, random)
-    own = _owners(joined, chosen, len(graph.edges))
-    coarse, bridges, bridge_ends = _coarse_graph(graph, own, int(chosen.sum()))
-    weights, columns, slot_views = _interpolated(own, coarse, np.flatnonzero(chosen))
+    n, edges = graph.n, graph.edges
+    order = np.empty(n, np.int32)
+    order[n - 1 - random.permutation(n)] = np.arange(n)
+    joined = Sparsity.of_graph(edges, n, along=_are_joined(edges, np.abs(graph.displacements), n))
+    chosen = _independent_set(*joined[:2], order)
+    if chosen.sum() > _STALLED * n:
+        joined = Sparsity.of_graph(edges, n)
+        chosen = _independent_set(*joined[:2], order)
+    own = _Owners(*_owners(*joined[:3], chosen, graph.displacements, graph.turns))
+    n_coarse = int(chosen.sum())
+    bridges = _bridges(edges, np.abs(graph.displacements), own.owners, own.distances, n_coarse)
+    coarse, views, ends = _coarse_graph(graph, own, bridges, n_coarse)
+    weights, columns, slot_views = _interpolated(own, coarse, chosen)
     interpolation = Interpolation(
-        weights=jax.device_put(weights.T),
-        columns=jax.device_put(columns.T),
-        slot_views=jax.device_put(slot_views.T),
-        parents=jax.device_put(own.parents.astype(np.int32)),
-        parent_views=jax.device_put(own.parent_views.astype(np.int32)),
-        bridges=jax.device_put(bridges.astype(np.int32)),
-        bridge_ends=jax.device_put(bridge_ends.astype(np.int32)),
-        n_edges=len(graph.edges),
-        n_coarse=coarse.n,
+        weights=jax.device_put(weights),
+        columns=jax.device_put(columns),
+        slot_views=jax.device_put(slot_views),
+        parents=jax.device_put(own.parents),
+        parent_views=jax.device_put(own.parent_views),
+        bridges=jax.device_put(views),
+        bridge_ends=jax.device_put(ends),
+        n_edges=len(edges),
+        n_coarse=n_coarse,
         hops=_HOPS,
     )
     return interpolation, coarse
 
 
-def _are_joined(around: _Neighbours) -> Bool[np.ndarray, " s"]:
+@compiled
+def _are_joined(edges: np.ndarray, lengths: np.ndarray, n: int) -> np.ndarray:
     """Whether an edge is short enough, compared with the shortest at either end, for coarsening to go along it."""
-    length = np.abs(around.displacements)
-    shortest = np.minimum.reduceat(np.where(length > 0, length, np.inf), around.starts)
-    return length <= _ANISOTROPY * np.minimum(np.repeat(shortest, _counts(around)), shortest[around.nodes])
+    shortest = np.full(n, np.inf)
+    for e in range(len(edges)):
+        if lengths[e] > 0:
+            for node in edges[e]:
+                shortest[node] = min(shortest[node], lengths[e])
+    joined = np.empty(len(edges), np.bool_)
+    for e in range(len(edges)):
+        joined[e] = lengths[e] <= _ANISOTROPY * min(shortest[edges[e, 0]], shortest[edges[e, 1]])
+    return joined
 
 
-def _counts(around: _Neighbours) -> Int[np.ndarray, " n"]:
-    return np.diff(around.starts, append=len(around.nodes))
-
-
-def _independent_set(around: _Neighbours, random: np.random.Generator) -> Bool[np.ndarray, " n"]:
-    """A maximal set of nodes more than `_HOPS` steps apart: Luby's rounds with random priorities."""
-    n = len(around.starts)
-    priority = random.permutation(n).astype(np.int32) + 1
-    chosen, open_ = np.zeros(n, bool), np.ones(n, bool)
-
-    def largest_near(values: np.ndarray) -> np.ndarray:
-        for _ in range(_HOPS):
-            values = np.maximum.reduceat(values[around.nodes], around.starts)
-        return values
-
-    while open_.any():
-        standing = np.where(open_, priority, 0)
-        winners = open_ & (largest_near(standing) == standing)
-        chosen |= winners
-        open_ &= ~largest_near(winners)
+@compiled
+def _independent_set(starts: np.ndarray, nodes: np.ndarray, order: np.ndarray) -> np.ndarray:
+    """A maximal set of nodes more than two steps apart: each in this order that none before it is near to."""
+    chosen, covered = np.zeros(len(order), np.bool_), np.zeros(len(order), np.bool_)
+    for i in order:
+        if not covered[i]:
+            chosen[i] = True
+            for near in nodes[starts[i] : starts[i + 1]]:  # i itself among them
+                covered[nodes[starts[near] : starts[near + 1]]] = True
     return chosen
 
 
-def _owners(around: _Neighbours, chosen: Bool[np.ndarray, " n"], n_edges: int) -> _Owners:
-    """Of every node the coarse node that is nearest along the graph, by as few steps as possible."""
-    n = len(chosen)
-    nodes, rows, steps = np.arange(n), around.rows, np.abs(around.displacements)
-    own = _Owners(
-        owners=np.where(chosen, np.cumsum(chosen) - 1, -1),
-        parents=nodes.copy(),
-        parent_views=np.full(n, 2 * n_edges),
-        distances=np.where(chosen, 0, np.inf),
-        displacements=np.zeros(n, complex),
-        turns=np.ones(n, complex),
-    )
+@compiled
+def _owners(
+    starts: np.ndarray,
+    nodes: np.ndarray,
+    entries: np.ndarray,
+    chosen: np.ndarray,
+    edge_displacements: np.ndarray,
+    edge_turns: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """`_Owners`: of every node the coarse node that is nearest along the graph, by as few steps as possible."""
+    n, m = len(chosen), len(edge_turns)
+    owners = (np.cumsum(chosen) - 1).astype(np.int32)
+    parents, parent_views = np.arange(n).astype(np.int32), np.full(n, 2 * m, np.int32)
+    distances = np.full(n, np.inf)
+    distances[chosen] = 0
+    displacements, turns = np.zeros(n, np.complex128), np.ones(n, np.complex128)
     for _ in range(_HOPS):
-        through = own.distances[around.nodes] + steps
-        shortest = np.minimum.reduceat(through, around.starts)
-        reached = (own.owners < 0) & np.isfinite(shortest)
-        best = np.flatnonzero(reached[rows] & (through == shortest[rows]))
-        i = rows[best]
-        first = np.append(True, i[1:] != i[:-1])
-        best, i = best[first], i[first]
-        parent, turn = around.nodes[best], around.turns[best]
-        own.distances[i] = shortest[i]
-        own.owners[i], own.parents[i], own.parent_views[i] = own.owners[parent], parent, around.views[best]
-        own.displacements[i] = around.displacements[best] + turn.conj() * own.displacements[parent]
-        own.turns[i] = own.turns[parent] * turn
-    return own
+        before = distances.copy()
+        for i in range(n):
+            if before[i] < np.inf:
+                continue
+            for s in range(starts[i], starts[i + 1]):
+                j, view = nodes[s], entries[s] - n
+                if before[j] == np.inf:
+                    continue
+                edge = view % m
+                through = before[j] + abs(edge_displacements[edge])
+                if through < distances[i]:
+                    step, turn = edge_displacements[edge], edge_turns[edge]
+                    if view >= m:
+                        step, turn = -turn * step, turn.conjugate()
+                    distances[i], owners[i], parents[i], parent_views[i] = through, owners[j], j, view
+                    displacements[i] = step + turn.conjugate() * displacements[j]
+                    turns[i] = turns[j] * turn
+    return owners, parents, parent_views, distances, displacements, turns
+
+
+@compiled
+def _bridges(
+    edges: np.ndarray, lengths: np.ndarray, owners: np.ndarray, distances: np.ndarray, n_coarse: int
+) -> np.ndarray:
+    """Of each two coarse nodes whose own nodes touch, by the first and then by the second, the edge on the shortest path."""
+    low, high = np.empty(len(edges), np.int32), np.empty(len(edges), np.int32)
+    starts = np.zeros(n_coarse + 1, np.int32)
+    for e in range(len(edges)):
+        tail, head = owners[edges[e, 0]], owners[edges[e, 1]]
+        low[e], high[e] = min(tail, head), max(tail, head)
+        if tail != head:
+            starts[low[e] + 1] += 1
+    starts = np.cumsum(starts)
+    ends = starts[:-1].copy()
+    crossing = np.empty(starts[-1], np.int32)  # edges, by the first coarse node
+    for e in range(len(edges)):
+        if low[e] != high[e]:
+            crossing[ends[low[e]]] = e
+            ends[low[e]] += 1
+
+    bridges, n_bridges = np.empty(len(crossing), np.int32), 0
+    for node in range(n_coarse):
+        first = n_bridges
+        for e in crossing[starts[node] : starts[node + 1]]:
+            place = first
+            while place < n_bridges and high[bridges[place]] < high[e]:
+                place += 1
+            if place < n_bridges and high[bridges[place]] == high[e]:
+                other = bridges[place]
+                path = distances[edges[e, 0]] + lengths[e] + distances[edges[e, 1]]
+                if path < distances[edges[other, 0]] + lengths[other] + distances[edges[other, 1]]:
+                    bridges[place] = e
+            else:
+                for behind in range(n_bridges, place, -1):
+                    bridges[behind] = bridges[behind - 1]
+                bridges[place] = e
+                n_bridges += 1
+    return bridges[:n_bridges].copy()
 
 
 def _coarse_graph(
-    graph: _Graph, own: _Owners, n_coarse: int
+    graph: _Graph, own: _Owners, bridges: Int[np.ndarray, " coarse_m"], n_coarse: int
 ) -> tuple[_Graph, Int[np.ndarray, " coarse_m"], Int[np.ndarray, "coarse_m 2"]]:
-    """Coarse nodes whose own nodes touch, joined along the shortest path through both; the views of the
-    bridges, and their ends."""
-    m = len(graph.edges)
-    tail, head = graph.edges.T
-    crossing = np.flatnonzero(own.owners[tail] != own.owners[head])
-    tail, head = tail[crossing], head[crossing]
-    length = own.distances[tail] + np.abs(graph.displacements[crossing]) + own.distances[head]
+    """Coarse nodes joined along the paths over these edges; the views of the bridges, and their ends."""
+    tail, head = graph.edges[bridges].T
     swap = own.owners[tail] > own.owners[head]
     a, b = np.where(swap, head, tail), np.where(swap, tail, head)
-    key = own.owners[a].astype(np.int64) * n_coarse + own.owners[b]
-    order = np.lexsort((length, key))
-    best = order[np.flatnonzero(np.diff(key[order], prepend=-1))]
-    a, b, swap, edge = a[best], b[best], swap[best], crossing[best]
-    turn, step = graph.turns[edge], graph.displacements[edge]
+    turn, step = graph.turns[bridges], graph.displacements[bridges]
     step, turn = np.where(swap, -turn * step, step), np.where(swap, turn.conj(), turn)
     # From the owner of a back to a, across the bridge, and on to the owner of b.
     across = step + turn.conj() * own.displacements[b] - own.displacements[a]
@@ -248,50 +256,103 @@ def _coarse_graph(
         displacements=own.turns[a] * across,
         turns=own.turns[b] * turn * own.turns[a].conj(),
     )
-    return coarse, np.where(swap, m + edge, edge), np.stack([a, b], axis=1)
+    views = np.where(swap, len(graph.edges) + bridges, bridges).astype(np.int32)
+    return coarse, views, np.stack([a, b], axis=1)
 
 
 def _interpolated(
-    own: _Owners, coarse: _Graph, chosen: Int[np.ndarray, " n_coarse"]
-) -> tuple[Float[np.ndarray, "n slots"], Int[np.ndarray, "n slots"], Int[np.ndarray, "n slots"]]:
+    own: _Owners, coarse: _Graph, chosen: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "slots n"], Int[np.ndarray, "slots n"], Int[np.ndarray, "slots n"]]:
     """Weights, coarse nodes and views from the owner: of the nearest among the owner and its neighbours."""
-    n, around = len(own.owners), _Neighbours.of(coarse)
-    weights = np.zeros((n, _SLOTS))
-    columns = np.zeros((n, _SLOTS), np.int32)
-    views = np.full((n, _SLOTS), 2 * len(coarse.edges), np.int32)
-    counts = _counts(around)
-    for first in range(0, n, _CHUNK):
-        here = slice(first, first + _CHUNK)
-        owner = own.owners[here]
-        slot = np.arange(max(_SLOTS, counts[owner].max()))
-        inside = slot < counts[owner][:, None]
-        position = np.where(inside, around.starts[owner][:, None] + slot, 0)
-        offsets = (
-            own.displacements[here, None] + own.turns[here, None].conj() * around.displacements[position]
+    n, around = len(chosen), Sparsity.of_graph(coarse.edges, coarse.n)
+    weights = np.zeros((_SLOTS, n))
+    columns, views = np.empty((_SLOTS, n), np.int32), np.empty((_SLOTS, n), np.int32)
+
+    def interpolate(first: int) -> None:
+        rows = first, min(first + _CHUNK, n)
+        offsets = _nearest(
+            *rows, chosen, *own[:1], *own[4:], *around[:3], *coarse[2:], columns, views
         )
-        distance = np.where(inside, offsets.real**2 + offsets.imag**2, np.inf)
-        nearest = np.argpartition(distance, _SLOTS - 1, axis=1)[:, :_SLOTS]
-        inside = np.take_along_axis(inside, nearest, axis=1)
-        position = np.take_along_axis(position, nearest, axis=1)
-        weights[here] = _linear_exact_weights(np.take_along_axis(offsets, nearest, axis=1), inside)
-        columns[here], views[here] = around.nodes[position], around.views[position]
-    weights[chosen], weights[chosen, 0] = 0, 1
-    columns[chosen, 0], views[chosen, 0] = np.arange(coarse.n), 2 * len(coarse.edges)
+        _fit(*rows, offsets, weights)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(interpolate, range(0, n, _CHUNK)))
     return weights, columns, views
 
 
-def _linear_exact_weights(
-    offsets: Complex[np.ndarray, "n slots"], inside: Bool[np.ndarray, "n slots"]
-) -> Float[np.ndarray, "n slots"]:
-    """Moving least squares: of a linear function fitted to values at the offsets, by 1/d⁴, the value at 0."""
-    squares = np.where(inside, offsets.real**2 + offsets.imag**2, np.inf)
-    tiny = 1e-6 * np.where(inside, squares, 0).max(axis=1, keepdims=True)
-    w = ((squares.min(axis=1, keepdims=True) + tiny) / (squares + tiny)) ** 2
-    w /= w.sum(axis=1, keepdims=True)
-    x, y = np.where(inside, offsets.real, 0), np.where(inside, offsets.imag, 0)
-    # The first column of the inverse of the moment matrix, by cofactors.
-    m_x, m_y, m_xy = ((w * part).sum(axis=1, keepdims=True) for part in (x, y, x * y))
-    spread = (w * (x**2 + y**2)).sum(axis=1, keepdims=True)
-    m_xx, m_yy = ((w * part**2).sum(axis=1, keepdims=True) + _RIDGE * spread for part in (x, y))
-    c, c_x, c_y = m_xx * m_yy - m_xy**2, m_y * m_xy - m_x * m_yy, m_x * m_xy - m_y * m_xx
-    return w * (c + c_x * x + c_y * y) / (c + c_x * m_x + c_y * m_y)
+@compiled
+def _nearest(
+    first: int,
+    last: int,
+    chosen: np.ndarray,
+    owners: np.ndarray,
+    displacements: np.ndarray,
+    turns: np.ndarray,
+    starts: np.ndarray,
+    nodes: np.ndarray,
+    entries: np.ndarray,
+    edge_displacements: np.ndarray,
+    edge_turns: np.ndarray,
+    columns: np.ndarray,
+    views: np.ndarray,
+) -> np.ndarray:
+    """Where in the frames of these nodes their nearest coarse nodes are, infinitely far in slots left over.
+
+    A coarse node has but itself. Columns and views are written.
+    """
+    n, m = len(starts) - 1, len(edge_turns)
+    offsets = np.full((last - first, _SLOTS), np.inf + 0j)
+    squares = np.empty(_SLOTS)
+    for i in range(first, last):
+        columns[:, i], views[:, i] = 0, 2 * m
+        if chosen[i]:
+            offsets[i - first, 0], columns[0, i] = 0, owners[i]
+            continue
+        count = 0
+        for s in range(starts[owners[i]], starts[owners[i] + 1]):
+            offset, view = displacements[i], 2 * m
+            if entries[s] >= n:
+                view = entries[s] - n
+                step, turn = edge_displacements[view % m], edge_turns[view % m]
+                offset += turns[i].conjugate() * (step if view < m else -turn * step)
+            square = offset.real**2 + offset.imag**2
+            if count < _SLOTS:
+                count += 1
+            elif square >= squares[-1]:
+                continue
+            place = count - 1
+            while place > 0 and squares[place - 1] > square:
+                squares[place], offsets[i - first, place] = squares[place - 1], offsets[i - first, place - 1]
+                columns[place, i], views[place, i] = columns[place - 1, i], views[place - 1, i]
+                place -= 1
+            squares[place], offsets[i - first, place] = square, offset
+            columns[place, i], views[place, i] = nodes[s], view
+    return offsets
+
+
+@compiled
+def _fit(first: int, last: int, offsets: np.ndarray, weights: np.ndarray) -> None:
+    """Moving least squares: of a linear function fitted to values at the offsets, by 1/d⁴, the value at 0, in `weights`."""
+    for i in range(first, last):
+        near, far = np.inf, 0.0
+        for z in offsets[i - first]:
+            if z.real < np.inf:
+                near, far = min(near, abs(z) ** 2), max(far, abs(z) ** 2)
+        tiny = 1e-6 * far
+        total = m_x = m_y = m_xx = m_xy = m_yy = 0.0
+        for s, z in enumerate(offsets[i - first]):
+            if z.real < np.inf:
+                w = ((near + tiny) / (abs(z) ** 2 + tiny)) ** 2 if far > 0 else 1.0
+                weights[s, i] = w
+                total += w
+                m_x, m_y = m_x + w * z.real, m_y + w * z.imag
+                m_xx, m_xy, m_yy = m_xx + w * z.real**2, m_xy + w * z.real * z.imag, m_yy + w * z.imag**2
+        m_x, m_y, m_xx, m_xy, m_yy = m_x / total, m_y / total, m_xx / total, m_xy / total, m_yy / total
+        ridge = _RIDGE * (m_xx + m_yy)
+        m_xx, m_yy = m_xx + ridge, m_yy + ridge
+        # The first column of the inverse of the moment matrix, by cofactors.
+        c, c_x, c_y = m_xx * m_yy - m_xy**2, m_y * m_xy - m_x * m_yy, m_x * m_xy - m_y * m_xx
+        scale = total * (c + c_x * m_x + c_y * m_y)
+        for s, z in enumerate(offsets[i - first]):
+            if z.real < np.inf and scale > 0:
+                weights[s, i] *= (c + c_x * z.real + c_y * z.imag) / scale

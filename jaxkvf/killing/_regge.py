@@ -184,7 +184,7 @@ def _(operator: KillingOperator) -> SymmetricBlockOperator:
         diagonal=_sum_over(topology.faces, on_corners, topology.n_vertices),
         upper=_sum_over(topology.face_edges, on_sides, topology.n_edges),
         edges=topology.edges,
-        row_order=_row_order(topology),
+        views=_views(topology),
     )
 
 
@@ -207,14 +207,14 @@ def _mass(
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
         upper=edge[:, None, None] * head_to_tail,
         edges=topology.edges,
-        row_order=_row_order(topology),
+        views=_views(topology),
     )
 
 
-def _row_order(topology: Topology) -> Int[Array, " S"]:
-    """Edges seen from their tails (e) and heads (E + e), in the order of the spokes that they are."""
-    seen = jnp.arange(2 * topology.n_edges, dtype=topology.edge_spokes.dtype)
-    return jnp.zeros_like(seen).at[topology.edge_spokes.T.reshape(-1)].set(seen)
+def _views(topology: Topology) -> tuple[Int[Array, " starts"], Int[Array, " S"]]:
+    """For `SymmetricBlockOperator`: the edges of each vertex are its spokes."""
+    from_head = jnp.where(topology.is_tail_spoke, 0, topology.n_edges).astype(topology.spoke_edges.dtype)
+    return topology.spoke_starts, topology.spoke_edges + from_head
 
 
 def _sum_over(indices: Array, values: Float[Array, "m w *block"], count: int) -> Float[Array, "count *block"]:
