@@ -33,8 +33,9 @@ from ._subspace import (
 )
 
 _ROUNDINGS = 16  # a residual of this many rounding units is converged: nothing smaller can be asked for
-_REFRESH = 40  # steps between true products, which keep rounding from adding up
+_REFRESH = 100  # steps between true products, which keep rounding from adding up
 _PATIENCE = 50  # steps without progress
+_FILLS = 3  # times that random vectors take the place of dependent ones; then B is to blame
 
 
 class LOBPCG(AbstractEigensolver):
@@ -85,12 +86,11 @@ class LOBPCG(AbstractEigensolver):
             constraints=None if self.constraints is None else orthonormalised(B, self.constraints)[:2],
             tolerance=rtol * norm + self.atol,
             separation=min(max(100 * eps / rtol, eps**0.4), 0.5),
+            key=jax.random.key(self.seed),
             k=k,
             max_steps=self.max_steps,
         )
-        final = iteration.run(
-            iteration.starting_basis(n, block_size, guess, jax.random.key(self.seed), dtype)
-        )
+        final = iteration.run(iteration.starting_vectors(n, block_size, guess, dtype))
 
         X, values = final.V[:, :k], final.values[:k]
         AX = final.AV[:, :k] if iteration.constraints is None else final.R[:, :k] + B(X) * values[None, :]
@@ -144,6 +144,8 @@ class _State(eqx.Module):
     """Whether a vector with xᵀBx < 0 was met."""
     steps: Int[Array, ""]
     since_refresh: Int[Array, ""]
+    fills: Int[Array, ""]
+    """Times that the approximations had not full rank."""
     products: Int[Array, ""]
     """Vectors multiplied by A."""
     least_error: Float[Array, ""]
@@ -167,33 +169,34 @@ class _Iteration(eqx.Module):
 
     The basis is then orthonormal up to ε over this, which should not be seen in the residuals.
     """
+    key: Array
     k: int = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
 
-    def starting_basis(
-        self, n: int, m: int, guess: Float[Array, "n g"] | None, key: Array, dtype: DTypeLike
-    ) -> Float[Array, "n w"]:
-        """2m columns: the guess, what the preconditioner proposes where the guess is too small, then random ones.
-
-        Not more than half come from the guess, so that one without full rank does no harm.
-        """
+    def starting_vectors(
+        self, n: int, m: int, guess: Float[Array, "n g"] | None, dtype: DTypeLike
+    ) -> Float[Array, "n m"]:
+        """The guess, what the preconditioner proposes where the guess is too small, then random ones."""
         parts = []
         if guess is not None:
             guess = jnp.where(jnp.isfinite(guess).all(axis=0, keepdims=True), guess, 0).astype(dtype)
             parts.append(guess if guess.shape[1] <= m else self._ritz_vectors(guess)[0][:, :m])
         if self.inverse is not None and (guess is None or guess.shape[1] < self.k):
             proposed = self.inverse.starting_vectors(m)
-            parts += [] if proposed is None else [proposed.astype(dtype)]
-        rest = 2 * m - sum(part.shape[1] for part in parts)
-        random = jax.random.uniform(key, (n, rest), jnp.float32, -1, 1)  # fewer bits to draw than in float64
-        return jnp.concatenate([*parts, random.astype(dtype)], axis=1)
+            parts += [] if proposed is None else [proposed.astype(dtype)[:, : m - sum(part.shape[1] for part in parts)]]
+        rest = m - sum(part.shape[1] for part in parts)
+        return jnp.concatenate([*parts, self._random(n, rest, dtype, 0)], axis=1) if rest else jnp.concatenate(parts, axis=1)
 
-    def run(self, basis: Float[Array, "n w"]) -> _State:
-        n, m = basis.shape[0], basis.shape[1] // 2
-        zero, infinity, dtype = jnp.int32(0), jnp.array(jnp.inf, basis.dtype), basis.dtype
+    def _random(self, n: int, count: int, dtype: DTypeLike, stream: int | Array) -> Float[Array, "n count"]:
+        key = jax.random.fold_in(self.key, stream)
+        return jax.random.uniform(key, (n, count), jnp.float32, -1, 1).astype(dtype)  # fewer bits to draw
+
+    def run(self, X: Float[Array, "n m"]) -> _State:
+        (n, m), dtype = X.shape, X.dtype
+        zero, infinity = jnp.int32(0), jnp.array(jnp.inf, dtype)
         unknown = _State(
-            V=basis,
-            AV=jnp.zeros_like(basis),
+            V=jnp.concatenate([X, jnp.zeros_like(X)], axis=1),
+            AV=jnp.zeros((n, 2 * m), dtype),
             values=jnp.zeros(m, dtype),
             P_energy=jnp.zeros((m, m), dtype),
             P_kept=jnp.zeros(m, bool),
@@ -202,6 +205,7 @@ class _Iteration(eqx.Module):
             indefinite=jnp.bool_(False),
             steps=zero,
             since_refresh=jnp.int32(1),
+            fills=zero,
             products=zero,
             least_error=infinity,
             least_trace=infinity,
@@ -224,22 +228,31 @@ class _Iteration(eqx.Module):
         return jax.lax.while_loop(lambda state: state.since_refresh > 0, sweep, unknown)
 
     def refreshed(self, state: _State) -> _State:
-        """The same spaces X and P by true products; X the lowest Ritz vectors of both together."""
-        m = len(state.values)
-        V, AV, BV, values, kept, negative = self._ritz_vectors(state.V)
-        R, errors = self._residuals(V[:, :m], AV[:, :m], BV[:, :m], values[:m])
+        """The Ritz vectors of the space X by true products, without P; where X has lost rank, random vectors for what is lost,
+        and no step before this is done again."""
+        n, m = state.R.shape
+        X, AX, BX, values, kept, negative = self._ritz_vectors(state.V[:, :m])
+        complete = kept.all()
+        fills = state.fills + jnp.where(complete, 0, 1)
+        X = jax.lax.cond(
+            complete, lambda: X, lambda: jnp.where(kept[None, :], X, self._random(n, m, X.dtype, fills))
+        )
+        R, errors = self._residuals(X, AX, BX, values)
+        nothing = jnp.zeros_like(X)
+        indefinite = state.indefinite | negative | (fills >= _FILLS)
         return dataclasses.replace(
             state,
-            V=V,
-            AV=AV,
-            values=values[:m],
-            P_energy=jnp.diag(jnp.where(kept[m:], values[m:], 0)),
-            P_kept=kept[m:],
+            V=jnp.concatenate([X, nothing], axis=1),
+            AV=jnp.concatenate([AX, nothing], axis=1),
+            values=values,
+            P_energy=jnp.zeros((m, m), X.dtype),
+            P_kept=jnp.zeros(m, bool),
             R=R,
             errors=errors,
-            indefinite=state.indefinite | negative | ~kept[:m].all(),
-            since_refresh=jnp.int32(0),
-            products=state.products + 2 * m,
+            indefinite=indefinite,
+            since_refresh=jnp.where(complete | indefinite, 0, _REFRESH).astype(jnp.int32),
+            fills=fills,
+            products=state.products + m,
         )
 
     def step(self, state: _State) -> _State:
@@ -280,6 +293,7 @@ class _Iteration(eqx.Module):
             indefinite=state.indefinite | negative,
             steps=state.steps + 1,
             since_refresh=state.since_refresh + 1,
+            fills=state.fills,
             products=state.products + m,
             least_error=jnp.where(better, jnp.minimum(worst, state.least_error), state.least_error),
             least_trace=jnp.where(better, jnp.minimum(trace, state.least_trace), state.least_trace),
