@@ -78,12 +78,13 @@ def _tensor_products(
     # −g_ij is that of the third corner
     a, b, c = (corner_cotangents(lengths, topology) / (2 * areas[:, None])).T
     # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
-    rows = ((b + c, -c, -b), (-c, c + a, -a), (-b, -a, a + b))
-    gram = jnp.stack([jnp.stack(row, axis=1) for row in rows], axis=1)
-    start, end = gram, jnp.roll(gram, -1, axis=1)  # side s joins corners s and s + 1
-    g_ac, g_ad = start, jnp.roll(start, -1, axis=2)
-    g_bc, g_bd = end, jnp.roll(end, -1, axis=2)
-    return 0.5 * (g_ac * g_bd + g_ad * g_bc)
+    g = ((b + c, -c, -b), (-c, c + a, -a), (-b, -a, a + b))
+
+    def product(side: int, other: int) -> Float[Array, " F"]:
+        (i, j), (k, l) = ((s, (s + 1) % 3) for s in (side, other))  # side s joins corners s and s + 1
+        return 0.5 * (g[i][k] * g[j][l] + g[i][l] * g[j][k])
+
+    return jnp.stack([jnp.stack([product(s, t) for t in range(3)], axis=1) for s in range(3)], axis=1)
 
 
 def energy_density(
@@ -159,33 +160,33 @@ def _(operator: KillingOperator) -> sp.csr_array:
 @assembled.register
 @jax.jit
 def _(operator: KillingOperator) -> SymmetricBlockOperator:
-    topology = operator.topology
-    rates, products = operator.rate_coefficients[topology.face_edges], operator.side_products
-    along = (topology.face_edge_signs > 0)[:, :, None]
-    at_start = jnp.where(along, rates[:, :, 0], rates[:, :, 1])
-    at_end = jnp.where(along, rates[:, :, 1], rates[:, :, 0])
-
-    # Corner c is the start of side c and the end of side c − 1.
-    at_end = jnp.roll(at_end, 1, axis=1)
-    start_end = jnp.roll(products, 1, axis=2)
-    end_start = jnp.roll(products, 1, axis=1)
-    end_end = jnp.roll(end_start, 1, axis=2)
+    topology, products = operator.topology, operator.side_products
+    starts, ends = [], []  # ∂h/∂U of each side of a face, at the corner where it starts and where it ends
+    for side in range(3):
+        rates = operator.rate_coefficients[topology.face_edges[:, side]]
+        along = (topology.face_edge_signs[:, side] > 0)[:, None]
+        starts.append(jnp.where(along, rates[:, 0], rates[:, 1]))
+        ends.append(jnp.where(along, rates[:, 1], rates[:, 0]))
 
     def block(a: int, b: int) -> Float[Array, "F 2 2"]:
-        """Rows of corner a, columns of corner b."""
-        start = products[:, a, b, None] * at_start[:, b] + start_end[:, a, b, None] * at_end[:, b]
-        end = end_start[:, a, b, None] * at_start[:, b] + end_end[:, a, b, None] * at_end[:, b]
-        return at_start[:, a, :, None] * start[:, None, :] + at_end[:, a, :, None] * end[:, None, :]
+        """Rows of corner a, columns of corner b: corner c is the start of side c and the end of side c − 1."""
 
-    on_corners = jnp.stack([block(c, c) for c in range(3)], axis=1)
-    on_sides = jnp.stack([block(c, (c + 1) % 3) for c in range(3)], axis=1)
-    on_sides = jnp.where(along[..., None], on_sides, on_sides.mT)  # rows: the edge's tail
-    return SymmetricBlockOperator(
-        diagonal=_sum_over(topology.faces, on_corners, topology.n_vertices),
-        upper=_sum_over(topology.face_edges, on_sides, topology.n_edges),
-        edges=topology.edges,
-        views=_views(topology),
-    )
+        def row(side: int) -> Float[Array, "F 1 2"]:
+            at_b = products[:, side, b, None] * starts[b] + products[:, side, b - 1, None] * ends[b - 1]
+            return at_b[:, None, :]
+
+        return starts[a][:, :, None] * row(a) + ends[a - 1][:, :, None] * row(a - 1)
+
+    # One corner and one side at a time: a third of the memory of all at once.
+    dtype = products.dtype
+    diagonal = jnp.zeros((topology.n_vertices, 2, 2), dtype)
+    upper = jnp.zeros((topology.n_edges, 2, 2), dtype)
+    for c in range(3):
+        on_side = block(c, (c + 1) % 3)
+        along = (topology.face_edge_signs[:, c] > 0)[:, None, None]
+        diagonal = diagonal.at[topology.faces[:, c]].add(block(c, c))
+        upper = upper.at[topology.face_edges[:, c]].add(jnp.where(along, on_side, on_side.mT))  # rows: the tail
+    return SymmetricBlockOperator(diagonal, upper, topology.edges, _views(topology))
 
 
 def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlockOperator:
