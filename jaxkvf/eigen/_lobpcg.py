@@ -22,6 +22,7 @@ from ._residual import relative_residuals, spectral_norm
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 from ._subspace import (
+    combined,
     conjugate_directions,
     inverse_roots,
     negative_energies,
@@ -274,8 +275,8 @@ class _Iteration(eqx.Module):
         C_P, P_kept = conjugate_directions(C, m)
         K = Z @ jnp.concatenate([C[:, :m], C_P], axis=1)
 
-        V = V @ K[: 2 * m] + W @ K[2 * m :]
-        AV = state.AV @ K[: 2 * m] + AW @ K[2 * m :]
+        V = combined(V, K[: 2 * m], W, K[2 * m :])
+        AV = combined(state.AV, K[: 2 * m], AW, K[2 * m :])
         R, errors = self._residuals(V[:, :m], AV[:, :m], self.B(V[:, :m]), values[:m])
 
         worst, trace = errors[: self.k].max(), values[: self.k].sum()
@@ -321,7 +322,7 @@ class _Iteration(eqx.Module):
 
         def separated() -> tuple[Array, Array, Array, Array]:
             C = scale[:, None] * whitening(outside, rounding(V, len(scale)))[0]
-            directions = jnp.where(finite[None, :], W, 0) @ C - V @ (overlap.T @ C)
+            directions = combined(V, -overlap.T @ C, jnp.where(finite[None, :], W, 0), C)
             directions = self._constrained(directions)
             B_directions = self.B(directions)
             negative = negative_energies(gram.diagonal(), W, BW)

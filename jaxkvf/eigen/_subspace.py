@@ -6,6 +6,7 @@ References: A. Stathopoulos, K. Wu, A block orthogonalization procedure with con
 SVQB; U. Hetmaniuk, R. Lehoucq, Basis selection in LOBPCG (2006).
 """
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -84,6 +85,13 @@ def conjugate_directions(C: Float[Array, "w w"], m: int) -> tuple[Float[Array, "
     U, singular_values, _ = jnp.linalg.svd(change, full_matrices=False)
     kept = singular_values > rounding(C, m)
     return others @ jnp.where(kept[None, :], U, 0), kept
+
+
+def combined(
+    V: Float[Array, "n v"], C: Float[Array, "v c"], W: Float[Array, "n w"], D: Float[Array, "w c"]
+) -> Float[Array, "n c"]:
+    """V C + W D, with the second product, of few columns, added to the first in place."""
+    return functools.reduce(jnp.add, (W[:, j, None] * D[None, j] for j in range(W.shape[1])), V @ C)
 
 
 def negative_energies(
