@@ -78,7 +78,10 @@ def _sorted(
         first, place = starts[rows[i]], ends[rows[i]]
         ends[rows[i]] += 1
         while place > first and sorted_columns[place - 1] > columns[i]:  # seldom far: most come in order
-            sorted_columns[place], sorted_entries[place] = sorted_columns[place - 1], sorted_entries[place - 1]
+            sorted_columns[place], sorted_entries[place] = (
+                sorted_columns[place - 1],
+                sorted_entries[place - 1],
+            )
             place -= 1
         sorted_columns[place], sorted_entries[place] = columns[i], entries[i]
     return starts, sorted_columns, sorted_entries

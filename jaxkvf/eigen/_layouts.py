@@ -44,8 +44,7 @@ class RowLayout(eqx.Module):
         table = _Table.of(np.diff(sparsity.starts))
         columns, entries = table.empty(), table.empty()
         _in_threads(
-            lambda rows: _write_rows(*rows, *sparsity[:3], *table.layout, columns, entries),
-            _parts(sparsity.starts),
+            lambda rows: _write_rows(rows, sparsity, table.slots, columns, entries), _parts(sparsity.starts)
         )
         return cls(table.parts(columns), table.parts(entries), table.order)
 
@@ -113,21 +112,13 @@ class ProductLayout(eqx.Module):
     def build(cls, L: Sparsity, R: Sparsity, *, upper: bool = False) -> tuple["ProductLayout", Sparsity]:
         """The layout, and the sparsity of the product; with `upper`, of its entries with row ≤ column only."""
         chunks = _parts(np.append(0, np.cumsum(np.diff(R.starts)[L.columns]))[L.starts])
-        found = _in_threads(
-            lambda rows: _product_entries(*rows, *L[:2], *R[:2], R.n_columns, upper), chunks
-        )
+        found = _in_threads(lambda rows: _product_entries(rows, L, R, upper), chunks)
         columns, lengths, counts = (np.concatenate(part) for part in zip(*found, strict=True))
         starts = np.append(0, np.cumsum(counts)).astype(np.int32)
+        product = Sparsity(starts, columns, np.arange(len(columns), dtype=np.int32), R.n_columns)
         table = _Table.of(lengths)
         left, right = table.empty(), table.empty()
-        _in_threads(
-            lambda rows: _write_products(
-                *rows, *L[:3], *R[:3], R.n_columns, starts, columns, *table.layout, left, right
-            ),
-            chunks,
-        )
-        entries = np.arange(len(columns), dtype=np.int32)
-        product = Sparsity(starts, columns, entries, R.n_columns)
+        _in_threads(lambda rows: _write_products(rows, (L, R), product, table.slots, (left, right)), chunks)
         return cls(table.parts(left), table.parts(right), table.order), product
 
     def __call__(
@@ -163,18 +154,24 @@ class ProductLayout(eqx.Module):
 _NOTHING = int(np.iinfo(np.int32).max)
 
 
-class _Table(NamedTuple):
-    """Where the terms of sums stand: sums of similar length in one class, padded to the same number of slots, slot by slot."""
+class _Slots(NamedTuple):
+    """Where the terms of sums stand in one long array: slot by slot in each class of sums of similar length."""
 
     places: Int[np.ndarray, " sums"]
     """Of each sum when the classes follow each other."""
     firsts: Int[np.ndarray, " classes+1"]
     """First place of each class, and one past the last."""
     widths: Int[np.ndarray, " classes"]
-    """Slots of each."""
+    """Slots of each sum."""
     offsets: Int[np.ndarray, " classes+1"]
-    """Where the slots of each begin in one long array, and its length."""
-    chunks: tuple[int, ...]
+    """Where the slots of each class begin, and the length of the array."""
+
+
+class _Table(NamedTuple):
+    """Slots, and how they are cut up for XLA."""
+
+    slots: _Slots
+    chunks: list[int]
     """That the slots of each class are added up in."""
 
     @classmethod
@@ -183,29 +180,25 @@ class _Table(NamedTuple):
         places, firsts = _places(lengths.astype(np.int32), class_of, len(longest))
         chunks = [-(-length // _UNROLLED) for length in longest]
         widths = np.array([-(-length // n) * n for length, n in zip(longest, chunks, strict=True)])
-        ends = [-(-size // _ALIGNED) * _ALIGNED for size in np.diff(firsts) * widths]
-        return cls(places, firsts, widths, np.append(0, np.cumsum(ends)), tuple(chunks))
-
-    @property
-    def layout(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What the loops that write need to know."""
-        return self[:4]
+        sizes = -(-np.diff(firsts) * widths // _ALIGNED) * _ALIGNED
+        return cls(_Slots(places, firsts, widths, np.append(0, np.cumsum(sizes))), chunks)
 
     @property
     def order(self) -> Int[Array, " sums"] | None:
         """The places, unless there is but one class."""
-        return None if len(self.widths) == 1 else jax.device_put(self.places)
+        return None if len(self.chunks) == 1 else jax.device_put(self.slots.places)
 
     def empty(self) -> Int[np.ndarray, " slots"]:
-        return _aligned(int(self.offsets[-1]))
+        return _aligned(int(self.slots.offsets[-1]))
 
-    def parts(self, slots: Int[np.ndarray, " slots"]) -> tuple[Int[Array, "_ _ _"], ...]:
+    def parts(self, values: Int[np.ndarray, " slots"]) -> tuple[Int[Array, "_ _ _"], ...]:
         """The array of each class, [chunk, slot, sum]."""
+        _, firsts, widths, offsets = self.slots
+        sizes = np.diff(firsts)
+        ends = offsets[:-1] + widths * sizes
         return tuple(
-            jax.device_put(slots[start : start + width * size].reshape(n, -1, size))
-            for start, width, size, n in zip(
-                self.offsets, self.widths, np.diff(self.firsts), self.chunks, strict=False
-            )
+            jax.device_put(values[start:end].reshape(n, -1, size))
+            for start, end, size, n in zip(offsets, ends, sizes, self.chunks, strict=False)
         )
 
 
@@ -256,9 +249,7 @@ def _parts(work: Int[np.ndarray, " rows+1"]) -> list[tuple[int, int]]:
 
 
 @compiled
-def _places(
-    lengths: np.ndarray, class_of: np.ndarray, n_classes: int
-) -> tuple[np.ndarray, np.ndarray]:
+def _places(lengths: np.ndarray, class_of: np.ndarray, n_classes: int) -> tuple[np.ndarray, np.ndarray]:
     """Place of each sum when the classes follow each other, and the first of each class."""
     firsts = np.zeros(n_classes + 1, np.int64)
     for length in lengths:
@@ -274,56 +265,45 @@ def _places(
 
 @compiled
 def _write_rows(
-    first: int,
-    last: int,
-    starts: np.ndarray,
-    columns: np.ndarray,
-    entries: np.ndarray,
-    places: np.ndarray,
-    firsts: np.ndarray,
-    widths: np.ndarray,
-    offsets: np.ndarray,
-    column_slots: np.ndarray,
-    entry_slots: np.ndarray,
+    rows: tuple[int, int],
+    sparsity: Sparsity,
+    slots: _Slots,
+    columns: Int[np.ndarray, " slots"],
+    entries: Int[np.ndarray, " slots"],
 ) -> None:
-    """The entries of these rows into their slots, column 0 and no entry into those left over."""
-    for row in range(first, last):
-        k = np.searchsorted(firsts, places[row], side="right") - 1
-        size = firsts[k + 1] - firsts[k]
-        slot = offsets[k] + places[row] - firsts[k]
-        end = slot + widths[k] * size
-        for i in range(starts[row], starts[row + 1]):
-            column_slots[slot], entry_slots[slot] = columns[i], entries[i]
+    """The entries from one row to another into their slots, column 0 and no entry into those left over."""
+    for row in range(rows[0], rows[1]):
+        place = slots.places[row]
+        k = np.searchsorted(slots.firsts, place, side="right") - 1
+        size = slots.firsts[k + 1] - slots.firsts[k]
+        slot = slots.offsets[k] + place - slots.firsts[k]
+        end = slot + slots.widths[k] * size
+        for i in range(sparsity.starts[row], sparsity.starts[row + 1]):
+            columns[slot], entries[slot] = sparsity.columns[i], sparsity.entries[i]
             slot += size
         while slot < end:
-            column_slots[slot], entry_slots[slot] = 0, _NOTHING
+            columns[slot], entries[slot] = 0, _NOTHING
             slot += size
 
 
 @compiled
 def _product_entries(
-    first: int,
-    last: int,
-    L_starts: np.ndarray,
-    L_columns: np.ndarray,
-    R_starts: np.ndarray,
-    R_columns: np.ndarray,
-    n_columns: int,
-    upper: bool,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of these rows of L R: the column of each entry, ascending, and the number of its terms; entries in each row."""
+    rows: tuple[int, int], L: Sparsity, R: Sparsity, upper: bool
+) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " r"]]:
+    """Of rows of L R: the column of each entry, ascending, and the number of its terms; entries in each row."""
+    first, last = rows
     most = 0
-    for i in range(L_starts[first], L_starts[last]):
-        most += R_starts[L_columns[i] + 1] - R_starts[L_columns[i]]
+    for i in range(L.starts[first], L.starts[last]):
+        most += R.starts[L.columns[i] + 1] - R.starts[L.columns[i]]
     columns, lengths = np.empty(most, np.int32), np.empty(most, np.int32)
     counts = np.empty(last - first, np.int32)
-    terms = np.zeros(n_columns, np.int32)  # to each column of the row at hand
+    terms = np.zeros(R.n_columns, np.int32)  # to each column of the row at hand
     end = 0
     for row in range(first, last):
         start = end
-        for i in range(L_starts[row], L_starts[row + 1]):
-            for j in range(R_starts[L_columns[i]], R_starts[L_columns[i] + 1]):
-                column = R_columns[j]
+        for i in range(L.starts[row], L.starts[row + 1]):
+            for j in range(R.starts[L.columns[i]], R.starts[L.columns[i] + 1]):
+                column = R.columns[j]
                 if upper and column < row:
                     continue
                 if terms[column] == 0:
@@ -343,42 +323,33 @@ def _product_entries(
 
 @compiled
 def _write_products(
-    first: int,
-    last: int,
-    L_starts: np.ndarray,
-    L_columns: np.ndarray,
-    L_entries: np.ndarray,
-    R_starts: np.ndarray,
-    R_columns: np.ndarray,
-    R_entries: np.ndarray,
-    n_columns: int,
-    starts: np.ndarray,
-    columns: np.ndarray,
-    places: np.ndarray,
-    firsts: np.ndarray,
-    widths: np.ndarray,
-    offsets: np.ndarray,
-    left_slots: np.ndarray,
-    right_slots: np.ndarray,
+    rows: tuple[int, int],
+    factors: tuple[Sparsity, Sparsity],
+    product: Sparsity,
+    slots: _Slots,
+    terms: tuple[Int[np.ndarray, " slots"], Int[np.ndarray, " slots"]],
 ) -> None:
-    """The terms of the entries in these rows of L R, at the given columns, into their slots."""
-    slots = np.full(n_columns, -1, np.int64)  # next of each column of the row at hand
-    sizes, ends = np.empty(n_columns, np.int64), np.empty(n_columns, np.int64)
-    for row in range(first, last):
-        for entry in range(starts[row], starts[row + 1]):
-            k = np.searchsorted(firsts, places[entry], side="right") - 1
-            column = columns[entry]
-            sizes[column] = firsts[k + 1] - firsts[k]
-            slots[column] = offsets[k] + places[entry] - firsts[k]
-            ends[column] = slots[column] + widths[k] * sizes[column]
-        for i in range(L_starts[row], L_starts[row + 1]):
-            for j in range(R_starts[L_columns[i]], R_starts[L_columns[i] + 1]):
-                slot = slots[R_columns[j]]
-                if slot >= 0:
-                    left_slots[slot], right_slots[slot] = L_entries[i], R_entries[j]
-                    slots[R_columns[j]] = slot + sizes[R_columns[j]]
-        for entry in range(starts[row], starts[row + 1]):
-            column = columns[entry]
-            for slot in range(slots[column], ends[column], sizes[column]):
-                left_slots[slot], right_slots[slot] = _NOTHING, 0
-            slots[column] = -1
+    """Left and right blocks of the terms of the entries in these rows of a product into their slots."""
+    (L, R), (left, right) = factors, terms
+    following = np.full(R.n_columns, -1, np.int64)  # slot of each column of the row at hand
+    sizes, ends = np.empty(R.n_columns, np.int64), np.empty(R.n_columns, np.int64)
+    for row in range(rows[0], rows[1]):
+        entries = range(product.starts[row], product.starts[row + 1])
+        for entry in entries:
+            column, place = product.columns[entry], slots.places[entry]
+            k = np.searchsorted(slots.firsts, place, side="right") - 1
+            sizes[column] = slots.firsts[k + 1] - slots.firsts[k]
+            following[column] = slots.offsets[k] + place - slots.firsts[k]
+            ends[column] = following[column] + slots.widths[k] * sizes[column]
+        for i in range(L.starts[row], L.starts[row + 1]):
+            for j in range(R.starts[L.columns[i]], R.starts[L.columns[i] + 1]):
+                column = R.columns[j]
+                slot = following[column]
+                if slot >= 0:  # an entry of the product, not one below its diagonal
+                    left[slot], right[slot] = L.entries[i], R.entries[j]
+                    following[column] = slot + sizes[column]
+        for entry in entries:
+            column = product.columns[entry]
+            for slot in range(following[column], ends[column], sizes[column]):
+                left[slot], right[slot] = _NOTHING, 0
+            following[column] = -1

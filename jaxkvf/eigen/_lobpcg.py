@@ -181,12 +181,14 @@ class _Iteration(eqx.Module):
         parts = []
         if guess is not None:
             guess = jnp.where(jnp.isfinite(guess).all(axis=0, keepdims=True), guess, 0).astype(dtype)
-            parts.append(guess if guess.shape[1] <= m else self._ritz_vectors(guess)[0][:, :m])
+            parts.append(guess if guess.shape[1] <= m else self._ritz_vectors(guess)[0])
         if self.inverse is not None and (guess is None or guess.shape[1] < self.k):
             proposed = self.inverse.starting_vectors(m)
-            parts += [] if proposed is None else [proposed.astype(dtype)[:, : m - sum(part.shape[1] for part in parts)]]
-        rest = m - sum(part.shape[1] for part in parts)
-        return jnp.concatenate([*parts, self._random(n, rest, dtype, 0)], axis=1) if rest else jnp.concatenate(parts, axis=1)
+            parts += [] if proposed is None else [proposed.astype(dtype)]
+        missing = m - sum(part.shape[1] for part in parts)
+        if missing > 0:
+            parts.append(self._random(n, missing, dtype, 0))
+        return jnp.concatenate(parts, axis=1)[:, :m]
 
     def _random(self, n: int, count: int, dtype: DTypeLike, stream: int | Array) -> Float[Array, "n count"]:
         key = jax.random.fold_in(self.key, stream)
@@ -229,8 +231,10 @@ class _Iteration(eqx.Module):
         return jax.lax.while_loop(lambda state: state.since_refresh > 0, sweep, unknown)
 
     def refreshed(self, state: _State) -> _State:
-        """The Ritz vectors of the space X by true products, without P; where X has lost rank, random vectors for what is lost,
-        and no step before this is done again."""
+        """The Ritz vectors of the space X by true products, without P.
+
+        Where X has not full rank, random vectors stand for what is missing, and this must be done again.
+        """
         n, m = state.R.shape
         X, AX, BX, values, kept, negative = self._ritz_vectors(state.V[:, :m])
         complete = kept.all()

@@ -116,11 +116,11 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
     if chosen.sum() > _STALLED * n:
         joined = Sparsity.of_graph(edges, n)
         chosen = _independent_set(*joined[:2], order)
-    own = _Owners(*_owners(*joined[:3], chosen, graph.displacements, graph.turns))
+    own = _owners(joined, chosen, graph)
     n_coarse = int(chosen.sum())
     bridges = _bridges(edges, np.abs(graph.displacements), own.owners, own.distances, n_coarse)
     coarse, views, ends = _coarse_graph(graph, own, bridges, n_coarse)
-    weights, columns, slot_views = _interpolated(own, coarse, chosen)
+    weights, columns, slot_views = _interpolated(own, coarse)
     interpolation = Interpolation(
         weights=jax.device_put(weights),
         columns=jax.device_put(columns),
@@ -163,16 +163,9 @@ def _independent_set(starts: np.ndarray, nodes: np.ndarray, order: np.ndarray) -
 
 
 @compiled
-def _owners(
-    starts: np.ndarray,
-    nodes: np.ndarray,
-    entries: np.ndarray,
-    chosen: np.ndarray,
-    edge_displacements: np.ndarray,
-    edge_turns: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """`_Owners`: of every node the coarse node that is nearest along the graph, by as few steps as possible."""
-    n, m = len(chosen), len(edge_turns)
+def _owners(joined: Sparsity, chosen: Bool[np.ndarray, " n"], graph: _Graph) -> _Owners:
+    """Of every node the coarse node that is nearest along the graph, by as few steps as possible."""
+    n, m = graph.n, len(graph.edges)
     owners = (np.cumsum(chosen) - 1).astype(np.int32)
     parents, parent_views = np.arange(n).astype(np.int32), np.full(n, 2 * m, np.int32)
     distances = np.full(n, np.inf)
@@ -183,20 +176,19 @@ def _owners(
         for i in range(n):
             if before[i] < np.inf:
                 continue
-            for s in range(starts[i], starts[i + 1]):
-                j, view = nodes[s], entries[s] - n
+            for s in range(joined.starts[i], joined.starts[i + 1]):
+                j, view = joined.columns[s], joined.entries[s] - n
                 if before[j] == np.inf:
                     continue
-                edge = view % m
-                through = before[j] + abs(edge_displacements[edge])
+                step, turn = graph.displacements[view % m], graph.turns[view % m]
+                through = before[j] + abs(step)
                 if through < distances[i]:
-                    step, turn = edge_displacements[edge], edge_turns[edge]
                     if view >= m:
                         step, turn = -turn * step, turn.conjugate()
                     distances[i], owners[i], parents[i], parent_views[i] = through, owners[j], j, view
                     displacements[i] = step + turn.conjugate() * displacements[j]
                     turns[i] = turns[j] * turn
-    return owners, parents, parent_views, distances, displacements, turns
+    return _Owners(owners, parents, parent_views, distances, displacements, turns)
 
 
 @compiled
@@ -261,98 +253,86 @@ def _coarse_graph(
 
 
 def _interpolated(
-    own: _Owners, coarse: _Graph, chosen: Bool[np.ndarray, " n"]
+    own: _Owners, coarse: _Graph
 ) -> tuple[Float[np.ndarray, "slots n"], Int[np.ndarray, "slots n"], Int[np.ndarray, "slots n"]]:
     """Weights, coarse nodes and views from the owner: of the nearest among the owner and its neighbours."""
-    n, around = len(chosen), Sparsity.of_graph(coarse.edges, coarse.n)
-    weights = np.zeros((_SLOTS, n))
-    columns, views = np.empty((_SLOTS, n), np.int32), np.empty((_SLOTS, n), np.int32)
+    n, around = len(own.owners), Sparsity.of_graph(coarse.edges, coarse.n)
 
-    def interpolate(first: int) -> None:
-        rows = first, min(first + _CHUNK, n)
-        offsets = _nearest(
-            *rows, chosen, *own[:1], *own[4:], *around[:3], *coarse[2:], columns, views
-        )
-        _fit(*rows, offsets, weights)
+    def interpolated(first: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        offsets, columns, views = _nearest((first, min(first + _CHUNK, n)), own, around, coarse)
+        return _linear_exact_weights(offsets), columns, views
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        list(pool.map(interpolate, range(0, n, _CHUNK)))
+        parts = zip(*pool.map(interpolated, range(0, n, _CHUNK)), strict=True)
+        weights, columns, views = (np.concatenate(part, axis=1) for part in parts)
     return weights, columns, views
 
 
 @compiled
 def _nearest(
-    first: int,
-    last: int,
-    chosen: np.ndarray,
-    owners: np.ndarray,
-    displacements: np.ndarray,
-    turns: np.ndarray,
-    starts: np.ndarray,
-    nodes: np.ndarray,
-    entries: np.ndarray,
-    edge_displacements: np.ndarray,
-    edge_turns: np.ndarray,
-    columns: np.ndarray,
-    views: np.ndarray,
-) -> np.ndarray:
-    """Where in the frames of these nodes their nearest coarse nodes are, infinitely far in slots left over.
+    nodes: tuple[int, int], own: _Owners, around: Sparsity, coarse: _Graph
+) -> tuple[Complex[np.ndarray, "slots r"], Int[np.ndarray, "slots r"], Int[np.ndarray, "slots r"]]:
+    """Where in the frames of these nodes their nearest coarse nodes are, infinitely far in slots left over; columns, views.
 
-    A coarse node has but itself. Columns and views are written.
+    A coarse node has but itself.
     """
-    n, m = len(starts) - 1, len(edge_turns)
-    offsets = np.full((last - first, _SLOTS), np.inf + 0j)
+    first, last = nodes
+    m = len(coarse.edges)
+    offsets = np.full((_SLOTS, last - first), np.inf + 0j)
+    columns = np.zeros((_SLOTS, last - first), np.int32)
+    views = np.full((_SLOTS, last - first), 2 * m, np.int32)
     squares = np.empty(_SLOTS)
-    for i in range(first, last):
-        columns[:, i], views[:, i] = 0, 2 * m
-        if chosen[i]:
-            offsets[i - first, 0], columns[0, i] = 0, owners[i]
+    for i in range(last - first):
+        node = first + i
+        if own.parents[node] == node:
+            offsets[0, i], columns[0, i] = 0, own.owners[node]
             continue
         count = 0
-        for s in range(starts[owners[i]], starts[owners[i] + 1]):
-            offset, view = displacements[i], 2 * m
-            if entries[s] >= n:
-                view = entries[s] - n
-                step, turn = edge_displacements[view % m], edge_turns[view % m]
-                offset += turns[i].conjugate() * (step if view < m else -turn * step)
+        for s in range(around.starts[own.owners[node]], around.starts[own.owners[node] + 1]):
+            offset, view = own.displacements[node], 2 * m
+            if around.entries[s] >= coarse.n:  # else the owner itself
+                view = around.entries[s] - coarse.n
+                step, turn = coarse.displacements[view % m], coarse.turns[view % m]
+                offset += own.turns[node].conjugate() * (step if view < m else -turn * step)
             square = offset.real**2 + offset.imag**2
             if count < _SLOTS:
                 count += 1
             elif square >= squares[-1]:
                 continue
-            place = count - 1
-            while place > 0 and squares[place - 1] > square:
-                squares[place], offsets[i - first, place] = squares[place - 1], offsets[i - first, place - 1]
-                columns[place, i], views[place, i] = columns[place - 1, i], views[place - 1, i]
-                place -= 1
-            squares[place], offsets[i - first, place] = square, offset
-            columns[place, i], views[place, i] = nodes[s], view
-    return offsets
+            slot = count - 1
+            while slot > 0 and squares[slot - 1] > square:
+                squares[slot], offsets[slot, i] = squares[slot - 1], offsets[slot - 1, i]
+                columns[slot, i], views[slot, i] = columns[slot - 1, i], views[slot - 1, i]
+                slot -= 1
+            squares[slot], offsets[slot, i] = square, offset
+            columns[slot, i], views[slot, i] = around.columns[s], view
+    return offsets, columns, views
 
 
 @compiled
-def _fit(first: int, last: int, offsets: np.ndarray, weights: np.ndarray) -> None:
-    """Moving least squares: of a linear function fitted to values at the offsets, by 1/d⁴, the value at 0, in `weights`."""
-    for i in range(first, last):
-        near, far = np.inf, 0.0
-        for z in offsets[i - first]:
-            if z.real < np.inf:
-                near, far = min(near, abs(z) ** 2), max(far, abs(z) ** 2)
-        tiny = 1e-6 * far
+def _linear_exact_weights(offsets: Complex[np.ndarray, "slots r"]) -> Float[np.ndarray, "slots r"]:
+    """Moving least squares: of a linear function fitted to values at the offsets, by 1/d⁴, the value at 0."""
+    weights = np.zeros(offsets.shape)
+    for i in range(offsets.shape[1]):
+        squares = np.abs(offsets[:, i]) ** 2  # ascending
+        count = np.searchsorted(squares, np.inf)
+        if count == 1:
+            weights[0, i] = 1
+            continue
+        tiny = 1e-6 * squares[count - 1]
         total = m_x = m_y = m_xx = m_xy = m_yy = 0.0
-        for s, z in enumerate(offsets[i - first]):
-            if z.real < np.inf:
-                w = ((near + tiny) / (abs(z) ** 2 + tiny)) ** 2 if far > 0 else 1.0
-                weights[s, i] = w
-                total += w
-                m_x, m_y = m_x + w * z.real, m_y + w * z.imag
-                m_xx, m_xy, m_yy = m_xx + w * z.real**2, m_xy + w * z.real * z.imag, m_yy + w * z.imag**2
+        for s in range(count):
+            x, y, w = offsets[s, i].real, offsets[s, i].imag, ((squares[0] + tiny) / (squares[s] + tiny)) ** 2
+            weights[s, i] = w
+            total += w
+            m_x, m_y = m_x + w * x, m_y + w * y
+            m_xx, m_xy, m_yy = m_xx + w * x * x, m_xy + w * x * y, m_yy + w * y * y
         m_x, m_y, m_xx, m_xy, m_yy = m_x / total, m_y / total, m_xx / total, m_xy / total, m_yy / total
         ridge = _RIDGE * (m_xx + m_yy)
         m_xx, m_yy = m_xx + ridge, m_yy + ridge
         # The first column of the inverse of the moment matrix, by cofactors.
         c, c_x, c_y = m_xx * m_yy - m_xy**2, m_y * m_xy - m_x * m_yy, m_x * m_xy - m_y * m_xx
         scale = total * (c + c_x * m_x + c_y * m_y)
-        for s, z in enumerate(offsets[i - first]):
-            if z.real < np.inf and scale > 0:
-                weights[s, i] *= (c + c_x * z.real + c_y * z.imag) / scale
+        for s in range(count):
+            weights[s, i] *= (c + c_x * offsets[s, i].real + c_y * offsets[s, i].imag) / scale
+    return weights

@@ -76,13 +76,13 @@ def _tensor_products(
 ) -> Float[Array, "F 3 3"]:
     """⟨S_e, S_e'⟩ of the sides of each face: ½ (g_ac g_bd + g_ad g_bc), g_ij = ∇λ_i·∇λ_j, from lengths alone."""
     # −g_ij is that of the third corner
-    a, b, c = (corner_cotangents(lengths, topology) / (2 * areas[:, None])).T
+    x, y, z = (corner_cotangents(lengths, topology) / (2 * areas[:, None])).T
     # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
-    g = ((b + c, -c, -b), (-c, c + a, -a), (-b, -a, a + b))
+    g = ((y + z, -z, -y), (-z, z + x, -x), (-y, -x, x + y))
 
     def product(side: int, other: int) -> Float[Array, " F"]:
-        (i, j), (k, l) = ((s, (s + 1) % 3) for s in (side, other))  # side s joins corners s and s + 1
-        return 0.5 * (g[i][k] * g[j][l] + g[i][l] * g[j][k])
+        (a, b), (c, d) = ((s, (s + 1) % 3) for s in (side, other))  # side s joins corners s and s + 1
+        return 0.5 * (g[a][c] * g[b][d] + g[a][d] * g[b][c])
 
     return jnp.stack([jnp.stack([product(s, t) for t in range(3)], axis=1) for s in range(3)], axis=1)
 
@@ -185,7 +185,9 @@ def _(operator: KillingOperator) -> SymmetricBlockOperator:
         on_side = block(c, (c + 1) % 3)
         along = (topology.face_edge_signs[:, c] > 0)[:, None, None]
         diagonal = diagonal.at[topology.faces[:, c]].add(block(c, c))
-        upper = upper.at[topology.face_edges[:, c]].add(jnp.where(along, on_side, on_side.mT))  # rows: the tail
+        upper = upper.at[topology.face_edges[:, c]].add(
+            jnp.where(along, on_side, on_side.mT)
+        )  # rows: the tail
     return SymmetricBlockOperator(diagonal, upper, topology.edges, _views(topology))
 
 
