@@ -11,7 +11,7 @@ from .compiled import compiled
 class Sparsity(NamedTuple):
     """Where a block matrix has entries, by rows: those of row r are `starts[r] : starts[r + 1]`."""
 
-    starts: Int[np.ndarray, " rows+1"]
+    starts: Int[np.ndarray, " starts"]
     columns: Int[np.ndarray, " e"]
     """Column block of each entry, ascending in each row."""
     entries: Int[np.ndarray, " e"]

@@ -5,10 +5,8 @@ together, padded to the same length, so that all of them advance by one term at 
 """
 
 import functools
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from typing import NamedTuple, TypeVar
+from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,11 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float, Int, Shaped
 
-from ..compiled import compiled
+from ..compiled import compiled, in_threads
 from ..sparsity import Sparsity
-
-_T = TypeVar("_T")
-_U = TypeVar("_U")
 
 _MOST_CLASSES = 3  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
@@ -43,7 +38,7 @@ class RowLayout(eqx.Module):
     def build(cls, sparsity: Sparsity) -> "RowLayout":
         table = _Table.of(np.diff(sparsity.starts))
         columns, entries = table.empty(), table.empty()
-        _in_threads(
+        in_threads(
             lambda rows: _write_rows(rows, sparsity, table.slots, columns, entries), _parts(sparsity.starts)
         )
         return cls(table.parts(columns), table.parts(entries), table.order)
@@ -112,13 +107,13 @@ class ProductLayout(eqx.Module):
     def build(cls, L: Sparsity, R: Sparsity, *, upper: bool = False) -> tuple["ProductLayout", Sparsity]:
         """The layout, and the sparsity of the product; with `upper`, of its entries with row ≤ column only."""
         chunks = _parts(np.append(0, np.cumsum(np.diff(R.starts)[L.columns]))[L.starts])
-        found = _in_threads(lambda rows: _product_entries(rows, L, R, upper), chunks)
+        found = in_threads(lambda rows: _product_entries(rows, L, R, upper), chunks)
         columns, lengths, counts = (np.concatenate(part) for part in zip(*found, strict=True))
         starts = np.append(0, np.cumsum(counts)).astype(np.int32)
         product = Sparsity(starts, columns, np.arange(len(columns), dtype=np.int32), R.n_columns)
         table = _Table.of(lengths)
         left, right = table.empty(), table.empty()
-        _in_threads(lambda rows: _write_products(rows, (L, R), product, table.slots, (left, right)), chunks)
+        in_threads(lambda rows: _write_products(rows, (L, R), product, table.slots, (left, right)), chunks)
         return cls(table.parts(left), table.parts(right), table.order), product
 
     def __call__(
@@ -159,11 +154,11 @@ class _Slots(NamedTuple):
 
     places: Int[np.ndarray, " sums"]
     """Of each sum when the classes follow each other."""
-    firsts: Int[np.ndarray, " classes+1"]
+    firsts: Int[np.ndarray, " starts"]
     """First place of each class, and one past the last."""
     widths: Int[np.ndarray, " classes"]
     """Slots of each sum."""
-    offsets: Int[np.ndarray, " classes+1"]
+    offsets: Int[np.ndarray, " starts"]
     """Where the slots of each class begin, and the length of the array."""
 
 
@@ -235,13 +230,7 @@ def _length_classes(lengths: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " l
     return class_of, np.maximum(longest, 1).tolist()
 
 
-def _in_threads(function: Callable[[_T], _U], arguments: Sequence[_T]) -> list[_U]:
-    """`map` on all cores, for functions that let go of Python's lock."""
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        return list(pool.map(function, arguments))
-
-
-def _parts(work: Int[np.ndarray, " rows+1"]) -> list[tuple[int, int]]:
+def _parts(work: Int[np.ndarray, " starts"]) -> list[tuple[int, int]]:
     """First and last row of parts of about the same size, by the work up to each row."""
     cuts = np.searchsorted(work, np.arange(_CHUNK, work[-1], _CHUNK))
     cuts = np.unique(np.concatenate([[0], cuts, [len(work) - 1]]))
