@@ -3,6 +3,7 @@
 import functools
 import inspect
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import ParamSpec, TypeVar
@@ -20,6 +21,8 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
     is made for those that may not.
     """
 
+    only_once = threading.Lock()  # the first call may come from several threads
+
     @functools.cache
     def machine_code() -> Callable[_P, _T]:
         import numba  # noqa: PLC0415
@@ -32,7 +35,9 @@ def compiled(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @functools.wraps(function)
     def call(*args: _P.args, **kwargs: _P.kwargs) -> _T:
-        return machine_code()(*args, **kwargs)
+        with only_once:
+            code = machine_code()
+        return code(*args, **kwargs)
 
     return call
 
