@@ -17,7 +17,7 @@ from jaxtyping import Array, DTypeLike, Float, Int, Shaped
 from ..compiled import compiled, in_threads
 from ..sparsity import Sparsity
 
-_MOST_CLASSES = 3  # lengths that sums are padded to
+_MOST_CLASSES = 2  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
 _CHUNK = 1 << 19  # terms that one thread writes at a time
 _ALIGNED = 16  # numbers: JAX takes over arrays that begin at a multiple of 64 bytes
@@ -207,7 +207,7 @@ def _aligned(size: int) -> Int[np.ndarray, " size"]:
 def _length_classes(lengths: Int[np.ndarray, " n"]) -> tuple[Int[np.ndarray, " lengths"], list[int]]:
     """Class of each length from 0 on, and the longest of each class.
 
-    At most three classes, chosen to minimise the padding, and fewer where more do not pay.
+    At most two classes, chosen to minimise the padding, and fewer where more do not pay.
     """
     all_counts = np.bincount(lengths)
     values = np.flatnonzero(all_counts)
