@@ -36,7 +36,7 @@ from ._subspace import (
 _ROUNDINGS = 16  # a residual of this many rounding units is converged: nothing smaller can be asked for
 _REFRESH = 100  # steps between true products, which keep rounding from adding up
 _PATIENCE = 50  # steps without progress
-_FILLS = 3  # times that random vectors take the place of dependent ones; then B is to blame
+_FILLS = 3  # approximations that many times without full rank, random ones added each time: B is to blame
 
 
 class LOBPCG(AbstractEigensolver):

@@ -21,7 +21,7 @@ from ..geometry import edge_angles
 from ..mesh import Topology
 from ..sparsity import Sparsity
 
-_HOPS = 2  # coarse points are further apart than this
+_HOPS = 2  # coarse points are further apart than this: the loops nested in `_independent_set`
 _SLOTS = 5  # coarse points that a vertex is interpolated from; six spare no steps
 _ANISOTROPY = 3  # longer edges, times the shortest at an end, join nothing: slivers coarsen along one way
 _RIDGE = 1e-3  # keeps the linear part of the fit bounded where coarse points lie on a line

@@ -177,17 +177,16 @@ def _(operator: KillingOperator) -> SymmetricBlockOperator:
 
         return starts[a][:, :, None] * row(a) + ends[a - 1][:, :, None] * row(a - 1)
 
-    # One corner and one side at a time: a third of the memory of all at once.
+    # One corner and one side at a time: all at once take three times the memory.
     dtype = products.dtype
     diagonal = jnp.zeros((topology.n_vertices, 2, 2), dtype)
     upper = jnp.zeros((topology.n_edges, 2, 2), dtype)
     for c in range(3):
         on_side = block(c, (c + 1) % 3)
         along = (topology.face_edge_signs[:, c] > 0)[:, None, None]
+        from_tail = jnp.where(along, on_side, on_side.mT)
         diagonal = diagonal.at[topology.faces[:, c]].add(block(c, c))
-        upper = upper.at[topology.face_edges[:, c]].add(
-            jnp.where(along, on_side, on_side.mT)
-        )  # rows: the tail
+        upper = upper.at[topology.face_edges[:, c]].add(from_tail)
     return SymmetricBlockOperator(diagonal, upper, topology.edges, _views(topology))
 
 
