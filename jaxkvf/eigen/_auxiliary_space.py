@@ -70,11 +70,12 @@ class _SmoothedCorrection(AbstractApproximateInverse):
     inverse: AbstractApproximateInverse
 
     def apply(self, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        b = self.scale[:, None] * block
-        x = self.smoother.from_zero(b)
-        residual = (b - self.smoother.K(x)) / self.scale[:, None]
-        x = x + self.prolong(self.inverse.apply(self.restrict(residual))) / self.scale[:, None]
-        return self.scale[:, None] * self.smoother.from_guess(b, x)
+        scale = self.scale[:, None]
+
+        def correction(residual: Float[Array, "n k"]) -> Float[Array, "n k"]:
+            return self.prolong(self.inverse.apply(self.restrict(residual / scale))) / scale
+
+        return scale * self.smoother.around(scale * block, correction)
 
     def starting_vectors(self, count: int) -> Float[Array, "n _"] | None:
         start = self.inverse.starting_vectors(count)

@@ -4,7 +4,7 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int, Shaped
 
 
 def times(L: Float[Array, "... a b"], R: Float[Array, "... b c"]) -> Float[Array, "... a c"]:
@@ -42,3 +42,13 @@ def inverse_factors(blocks: Float[Array, "n b b"]) -> Float[Array, "n b b"]:
         inverse = inverse - below[:, :, None] * inverse[:, None, j, :]
         pivots.append(jnp.abs(pivot))
     return inverse * jax.lax.rsqrt(jnp.stack(pivots, axis=1))[:, :, None]
+
+
+def gathered(values: Shaped[Array, "n ..."], places: Int[Array, "..."]) -> Shaped[Array, "..."]:
+    """`values[places]` for places within bounds. Clamping makes products three times slower, wrapping a tenth."""
+    return values.at[places].get(mode="promise_in_bounds", wrap_negative_indices=False)
+
+
+def gathered_or_zero(values: Shaped[Array, "n ..."], places: Int[Array, "..."]) -> Shaped[Array, "..."]:
+    """`values[places]`, and 0 for places out of bounds, none of them negative."""
+    return values.at[places].get(mode="fill", fill_value=0, wrap_negative_indices=False)

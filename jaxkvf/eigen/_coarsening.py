@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ..sparse import SymmetricBlockOperator
 from ..sparsity import Sparsity
-from ._blocks import times
+from ._blocks import gathered, times
 from ._layouts import ProductLayout, RowLayout
 
 
@@ -55,17 +55,19 @@ class Interpolation(eqx.Module):
             scale: what each node's values are multiplied by.
         """
         seen = _by_view(turns)
-        step = seen[self.parent_views]
+        step = gathered(seen, self.parent_views)
         from_owner = step
         for _ in range(self.hops - 1):
-            from_owner = times(step, from_owner[self.parents])
+            from_owner = times(step, gathered(from_owner, self.parents))
         a, b = self.bridge_ends.T
-        coarse = times(from_owner.mT[a], times(seen[self.bridges], from_owner[b]))
+        coarse = times(
+            gathered(from_owner, a).mT, times(gathered(seen, self.bridges), gathered(from_owner, b))
+        )
         by_owner, views = times(scale, from_owner), _by_view(coarse)
 
         def in_slot(slot: tuple[Float[Array, " n"], Int[Array, " n"]]) -> Float[Array, "n b b"]:
             weights, slot_views = slot
-            return weights.astype(scale.dtype)[:, None, None] * times(by_owner, views[slot_views])
+            return weights.astype(scale.dtype)[:, None, None] * times(by_owner, gathered(views, slot_views))
 
         # A loop for XLA, which would compute a plain expression anew for each of the many that gather the blocks.
         blocks = jax.lax.map(in_slot, (self.weights, self.slot_views))
@@ -129,6 +131,6 @@ class Coarsening(eqx.Module):
         self, blocks: Float[Array, "e b b"], P: Float[Array, "p b b"]
     ) -> SymmetricBlockOperator:
         """PᵀKP, by the blocks of K (diagonal, upper, transposed upper) and of P (as `prolongation` gives them)."""
-        product = self.galerkin(P, self.half(blocks, P), transposed=True)[self.diagonal_first]
+        product = gathered(self.galerkin(P, self.half(blocks, P), transposed=True), self.diagonal_first)
         n = self.interpolation.n_coarse
         return SymmetricBlockOperator(diagonal=product[:n], upper=product[n:], edges=self.coarse_edges)

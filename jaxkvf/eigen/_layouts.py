@@ -16,6 +16,7 @@ from jaxtyping import Array, DTypeLike, Float, Int, Shaped
 
 from ..compiled import compiled, in_threads
 from ..sparsity import Sparsity
+from ._blocks import gathered, gathered_or_zero
 
 _MOST_CLASSES = 2  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order
@@ -45,7 +46,7 @@ class RowLayout(eqx.Module):
 
     def fill(self, blocks: Float[Array, "m _ _"], *, transposed: bool = False) -> "RowProduct":
         """The matrix with these blocks, or with their transposes."""
-        values = tuple(blocks.at[entries].get(mode="fill", fill_value=0) for entries in self.entries)
+        values = tuple(gathered_or_zero(blocks, entries) for entries in self.entries)
         return RowProduct(values, self.columns, self.places, transposed)
 
 
@@ -66,7 +67,7 @@ class RowProduct(eqx.Module):
                 row = c * columns[slot] + b
                 row = jnp.broadcast_to(row[:, None], (len(row), r)).reshape(-1)
                 factor = values[slot, :, b] if self.transposed else values[slot, :, :, b]
-                return factor.reshape(-1)[:, None] * block.at[row].get(mode="promise_in_bounds")
+                return factor.reshape(-1)[:, None] * gathered(block, row)
 
             return functools.reduce(jnp.add, (term(s, b) for s in range(len(values)) for b in range(c)))
 
@@ -78,7 +79,7 @@ class RowProduct(eqx.Module):
         if self.places is None:
             return product
         rows = product.reshape(-1, r * block.shape[1])
-        return rows.at[self.places].get(mode="promise_in_bounds").reshape(product.shape)
+        return gathered(rows, self.places).reshape(product.shape)
 
 
 def _sum_of_chunks(
@@ -126,8 +127,8 @@ class ProductLayout(eqx.Module):
 
         # A block is a row of numbers here: XLA fetches those together.
         def term(left: Int[Array, " entries"], right: Int[Array, " entries"]) -> Float[Array, "entries ac"]:
-            x = L.reshape(-1, a * b).at[left].get(mode="fill", fill_value=0)
-            y = R.reshape(-1, b * c).at[right].get(mode="promise_in_bounds")
+            x = gathered_or_zero(L.reshape(-1, a * b), left)
+            y = gathered(R.reshape(-1, b * c), right)
             sums = (
                 sum(x[:, across * i + down * j] * y[:, c * j + k] for j in range(b))
                 for i in range(a)
@@ -143,7 +144,7 @@ class ProductLayout(eqx.Module):
             for left, right in zip(self.left, self.right, strict=True)
         ]
         product = jnp.concatenate(sums)
-        return (product if self.places is None else product[self.places]).reshape(-1, a, c)
+        return (product if self.places is None else gathered(product, self.places)).reshape(-1, a, c)
 
 
 _NOTHING = int(np.iinfo(np.int32).max)

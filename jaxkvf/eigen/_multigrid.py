@@ -11,7 +11,7 @@ import lineax as lx
 from jaxtyping import Array, Float
 
 from ..sparse import SymmetricBlockOperator, assembled
-from ._blocks import apply_blocks, inverse_factors, times
+from ._blocks import apply_blocks, gathered, inverse_factors, times
 from ._coarsening import Coarsening
 from ._layouts import RowProduct
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
@@ -38,8 +38,8 @@ class Multigrid(AbstractPreconditioner):
     """Of the smoother: products with the operator before and after a coarse correction; four more on coarser levels."""
     dtype: str | None = eqx.field(default="float32", static=True)
     """Precision inside; None for the problem's. Single precision costs LOBPCG in float64 no steps, and half the memory."""
-    nested_steps: int = eqx.field(default=2, static=True)
-    """Improvements of the starting vectors on each level between the coarsest and the finest."""
+    nested_steps: int = eqx.field(default=3, static=True)
+    """Smoothings of the starting vectors on each level between the coarsest and the finest."""
 
     def __check_init__(self) -> None:
         if self.degree < 1:
@@ -130,6 +130,11 @@ class _Level(eqx.Module):
     """Its transpose."""
     masses: Float[Array, " n"]
 
+    def mass(self, x: Float[Array, "nb k"]) -> Float[Array, "nb k"]:
+        """The masses times x, in scaled unknowns."""
+        y = apply_blocks(self.G.mT, x).reshape(len(self.masses), -1)
+        return apply_blocks(self.G, (self.masses[:, None] * y).reshape(x.shape))
+
     @classmethod
     def descend(
         cls,
@@ -144,7 +149,7 @@ class _Level(eqx.Module):
         interpolation, dtype = coarsening.interpolation, K.diagonal.dtype
         G = inverse_factors(K.diagonal)
         tail, head = K.edges.T
-        upper = times(times(G[tail], K.upper), G.mT[head])
+        upper = times(times(gathered(G, tail), K.upper), gathered(G, head).mT)
         identity = jnp.broadcast_to(jnp.eye(b, dtype=dtype), (n, b, b))
         blocks = jnp.concatenate([identity, upper, upper.mT])
 
@@ -177,45 +182,39 @@ class _VCycle(AbstractApproximateInverse):
         if depth == len(self.levels):
             return self.direct.solve(r)
         level = self.levels[depth]
-        return apply_blocks(level.G.mT, self._scaled_cycle(depth, apply_blocks(level.G, r)))
-
-    def _scaled_cycle(self, depth: int, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        level = self.levels[depth]
-        x = level.smoother.from_zero(b)
-        x = x + level.P(self._cycle(depth + 1, level.R(b - level.smoother.K(x))))
-        return level.smoother.from_guess(b, x)
+        x = level.smoother.around(
+            apply_blocks(level.G, r), lambda left: level.P(self._cycle(depth + 1, level.R(left)))
+        )
+        return apply_blocks(level.G.mT, x)
 
     def starting_vectors(self, count: int) -> Float[Array, "n _"]:
-        """The coarsest level's lowest eigenvectors, improved on each level on the way up; fewer than `count`
-        if it is small."""
-        x = self.direct.vectors[:, :count]
+        """The coarsest level's lowest eigenvectors, smoothed on each level on the way up; fewer than `count` if it is small.
+
+        Interpolation errs in the upper part of the spectrum, which smoothing mends, and mixes low eigenvectors with the next
+        ones, which a Ritz step among more vectors than wanted undoes.
+        """
+        wide = count + count // 2
+        values, x = self.direct.values[:wide], self.direct.vectors[:, :wide]
         for depth in reversed(range(len(self.levels))):
             level = self.levels[depth]
             x = level.P(x)
             if depth > 0:
-                x = self._improved(depth, x)
+                x = self._smoothed(level, values, x)
+            if depth == 1:
+                x = _ritz_vectors(x, level.smoother.K(x), level.mass(x))[:, :count]
             x = apply_blocks(level.G.mT, x)
-        return x
+        return x[:, :count]
 
-    def _improved(self, depth: int, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """Ritz vectors after some steps of preconditioned descent, with lumped masses; scaled unknowns."""
-        level = self.levels[depth]
-        k = x.shape[1]
+    def _smoothed(
+        self, level: _Level, values: Float[Array, " k"], x: Float[Array, "n k"]
+    ) -> Float[Array, "n k"]:
+        """Some steps of inverse iteration, K x_new = μ M x, with a smoother for K⁻¹; scaled unknowns.
 
-        def mass(x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-            y = apply_blocks(level.G.mT, x)
-            y = (level.masses[:, None] * y.reshape(len(level.masses), -1)).reshape(y.shape)
-            return apply_blocks(level.G, y)
+        The values μ need not be those of this level: they change little but the length of the vectors.
+        """
 
         def step(_: Array, x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-            Kx, Mx = level.smoother.K(x), mass(x)
-            values = (x * Kx).sum(axis=0) / (x * Mx).sum(axis=0)
-            d = self._scaled_cycle(depth, Kx - values[None, :] * Mx)
-            basis, K_basis = (
-                jnp.concatenate([x, d], axis=1),
-                jnp.concatenate([Kx, level.smoother.K(d)], axis=1),
-            )
-            return _ritz_vectors(basis, K_basis, mass(basis))[:, :k]
+            return level.smoother.from_guess(values[None, :] * level.mass(x), x)
 
         return jax.lax.fori_loop(0, self.nested_steps, step, x)
 

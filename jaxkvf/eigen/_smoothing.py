@@ -3,6 +3,8 @@
 Reference: J. Lottes, Optimal polynomial smoothers for multigrid V-cycles (2023).
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,7 +17,7 @@ _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from belo
 
 
 class Smoother(eqx.Module):
-    """Chebyshev iteration of the fourth kind for K x = b, at `degree` products with K less one; K's diagonal is about 1."""
+    """Chebyshev iteration of the fourth kind for K x = b, at `degree` products with K; K's diagonal is about 1."""
 
     K: BlockProduct
     largest: Float[Array, ""]
@@ -26,29 +28,40 @@ class Smoother(eqx.Module):
     def prepare(cls, K: BlockProduct, size: int, dtype: DTypeLike, degree: int) -> "Smoother":
         return cls(K, _MARGIN * spectral_norm(K, size, dtype), degree)
 
-    def from_zero(self, b: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """An approximation of K⁻¹ b: a polynomial in K times b."""
-        return self._iterated(b, jnp.zeros_like(b), 4 / 3 / self.largest * b, 2)
+    def around(
+        self, b: Float[Array, "n k"], correction: Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
+    ) -> Float[Array, "n k"]:
+        """K⁻¹ b by smoothing, correction of what it leaves, and smoothing; symmetric in b if the correction is.
+
+        Args:
+            b: the right-hand sides.
+            correction: from a residual to a correction.
+        """
+        # Behind the last correction d the loop leaves the residual in its place: so the product stands in the program once.
+        x, residual = self._iterated(b, jnp.zeros_like(b), 4 / 3 / self.largest * b, 2, self.degree + 2)
+        return self.from_guess(b, x + correction(residual))
 
     def from_guess(self, b: Float[Array, "n k"], x: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        """x and that approximation for its residual, at one product more."""
-        return self._iterated(b, x, jnp.zeros_like(b), 1)
+        """x, and a polynomial in K times its residual, as an approximation of K⁻¹ b."""
+        x, d = self._iterated(b, x, jnp.zeros_like(b), 1, self.degree + 1)
+        return x + d
 
     def _iterated(
-        self, b: Float[Array, "n k"], x: Float[Array, "n k"], d: Float[Array, "n k"], first: int
-    ) -> Float[Array, "n k"]:
-        """x after the last correction d and those from number `first` on.
+        self, b: Float[Array, "n k"], x: Float[Array, "n k"], d: Float[Array, "n k"], first: int, end: int
+    ) -> tuple[Float[Array, "n k"], Float[Array, "n k"]]:
+        """x with the correction d and those from number `first` on, and, not added, number `end` − 1.
 
-        They make the error's components in all of K's spectrum small, most so those on top.
+        They make the error's components in all of K's spectrum small, most so those on top. What comes behind number
+        `degree` is the residual of x.
         """
 
         def step(i: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
             x, d = carry
-            i = i.astype(b.dtype)
+            n = i.astype(b.dtype)
+            a, c = (2 * n - 3) / (2 * n + 1), (8 * n - 4) / (2 * n + 1) / self.largest
+            a, c = jnp.where(i <= self.degree, a, 0), jnp.where(i <= self.degree, c, 1)
             # In this order neither x nor d is copied, and XLA computes the product once: everywhere that it is used.
             x = x + d
-            residual = b - self.K(x)
-            return x, (2 * i - 3) / (2 * i + 1) * d + (8 * i - 4) / (2 * i + 1) / self.largest * residual
+            return x, a * d + c * (b - self.K(x))
 
-        x, d = jax.lax.fori_loop(first, self.degree + 1, step, (x, d))
-        return x + d
+        return jax.lax.fori_loop(first, end, step, (x, d))
