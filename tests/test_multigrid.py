@@ -85,6 +85,20 @@ def test_steps_do_not_grow_with_the_mesh_and_a_warm_start_pays():
     assert int(warm.stats["steps"]) <= steps[1]
 
 
+def test_nested_iteration_starts_near_the_lowest_eigenvectors():
+    problem, multigrid = problem_and_multigrid(shapes.bumpy_sphere(20))
+    assert len(multigrid.hierarchy) == 2
+    start = eqx.filter_jit(lambda m, p: m.prepare(p).starting_vectors(8))(multigrid, problem)
+    x = np.asarray(start, dtype=float)
+    lowest = np.asarray(eigsolve(problem, 6, ScipyEigsh()).eigenvectors)
+    B = np.asarray(problem.B.as_matrix())
+    basis = x @ np.linalg.inv(np.linalg.cholesky(x.T @ B @ x)).T
+    outside = lowest - basis @ (basis.T @ B @ lowest)
+    np.testing.assert_array_less(
+        np.sqrt(np.einsum("ij,ij->j", outside, B @ outside)), 0.05
+    )  # sines of angles
+
+
 def test_the_default_solver_of_a_mesh():
     mesh = shapes.bumpy_sphere(7)
     fields = jaxkvf.killing_fields(mesh, 3, solver=jaxkvf.multigrid_solver(mesh))
