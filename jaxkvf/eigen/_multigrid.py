@@ -17,6 +17,7 @@ from ._layouts import RowProduct
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
 from ._smoothing import Smoother
+from ._subspace import inverse_roots, ritz_pairs, rounding, scaled, whitening
 
 _MORE_BELOW = 4  # smoothing steps on the coarser levels, where they cost little and spare LOBPCG steps
 
@@ -223,12 +224,9 @@ def _ritz_vectors(
     basis: Float[Array, "n w"], K_basis: Float[Array, "n w"], M_basis: Float[Array, "n w"]
 ) -> Float[Array, "n w"]:
     """Those of K x = μ M x in the span of the basis, ascending; zero behind its rank."""
-    gram, energy = basis.T @ M_basis, basis.T @ K_basis
-    scale = jax.lax.rsqrt(gram.diagonal())
-    squares, Q = jnp.linalg.eigh(scale[:, None] * gram * scale[None, :])
-    kept = squares > 100 * jnp.finfo(gram.dtype).eps
-    Q = scale[:, None] * Q * jnp.where(kept, jax.lax.rsqrt(jnp.where(kept, squares, 1)), 0)[None, :]
-    H = Q.T @ energy @ Q
-    behind = jnp.where(kept, 0, 2 * jnp.abs(H).sum(axis=0).max())
-    _, C = jnp.linalg.eigh(H + jnp.diag(behind))
+    gram = basis.T @ M_basis
+    scale = inverse_roots(gram.diagonal())
+    Q, kept, _ = whitening(scaled(gram, scale), rounding(basis, len(scale)))
+    Q = scale[:, None] * Q
+    _, C = ritz_pairs(Q.T @ (basis.T @ K_basis) @ Q, kept)
     return basis @ (Q @ C)
