@@ -31,7 +31,7 @@ class Smoother(eqx.Module):
     def around(
         self, b: Float[Array, "n k"], correction: Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
     ) -> Float[Array, "n k"]:
-        """K⁻¹ b by smoothing, correction of what it leaves, and smoothing; symmetric in b if the correction is.
+        """K⁻¹ b, nearly: by smoothing, correction of what that leaves, and smoothing. Symmetric if the correction is.
 
         Args:
             b: the right-hand sides.
