@@ -245,8 +245,8 @@ def _residual(lengths: Any, topology: Any, values: Any, vectors: Any) -> float:
 
 
 def _multigrid(lengths: Any, topology: Any) -> Any:
-    from jaxkvf.eigen import Multigrid  # noqa: PLC0415
     from jaxkvf.killing import vector_hierarchy  # noqa: PLC0415
+    from jaxkvf.preconditioning import Multigrid  # noqa: PLC0415
 
     return Multigrid(vector_hierarchy(lengths, topology))
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 import jaxkvf  # noqa: E402
 from jaxkvf import TriangleMesh, geometry, shapes  # noqa: E402
-from jaxkvf.symmetry import OUTCOMES, PositionFidelity, ShapeBarrier, Surface, symmetry_report  # noqa: E402
+from jaxkvf.symmetrization import OUTCOMES, PositionFidelity, ShapeBarrier, Surface, symmetry_report  # noqa: E402
 
 
 def asymmetry(mesh: TriangleMesh, count: int = 1) -> float:

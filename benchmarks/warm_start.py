@@ -20,9 +20,10 @@ import numpy as np  # noqa: E402
 
 import jaxkvf  # noqa: E402
 from jaxkvf import shapes  # noqa: E402
-from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, Multigrid, eigsolve  # noqa: E402
+from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, eigsolve  # noqa: E402
 from jaxkvf.geometry import edge_lengths  # noqa: E402
 from jaxkvf.killing import Regge, vector_hierarchy  # noqa: E402
+from jaxkvf.preconditioning import Multigrid  # noqa: E402
 from jaxkvf.sparse import assembled  # noqa: E402
 
 BY = 0.01  # of the mean edge length

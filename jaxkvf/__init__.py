@@ -12,8 +12,9 @@ from . import flows as flows
 from . import geometry as geometry
 from . import killing as killing
 from . import patterns as patterns
+from . import preconditioning as preconditioning
 from . import reference as reference
-from . import symmetry as symmetry
+from . import symmetrization as symmetrization
 from .eigen import LOBPCG as LOBPCG
 from .eigen import DenseEigh as DenseEigh
 from .eigen import ScipyEigsh as ScipyEigsh
@@ -54,7 +55,7 @@ from .patterns import pattern as pattern
 from .patterns import stripes as stripes
 from .solvers import multigrid_preconditioner as multigrid_preconditioner
 from .solvers import multigrid_solver as multigrid_solver
-from .symmetry import Symmetrization as Symmetrization
-from .symmetry import SymmetryReport as SymmetryReport
-from .symmetry import symmetrize as symmetrize
-from .symmetry import symmetry_report as symmetry_report
+from .symmetrization import Symmetrization as Symmetrization
+from .symmetrization import SymmetryReport as SymmetryReport
+from .symmetrization import symmetrize as symmetrize
+from .symmetrization import symmetry_report as symmetry_report

@@ -11,11 +11,8 @@ from .eigen import (
     LOBPCG,
     AbstractEigensolver,
     AbstractPreconditioner,
-    AuxiliarySpace,
-    Coarsening,
     DenseEigh,
     GeneralizedEigenproblem,
-    Multigrid,
     ScipyEigsh,
     WithFallback,
     cholmod_is_installed,
@@ -23,6 +20,7 @@ from .eigen import (
 from .geometry import edge_lengths
 from .killing import AbstractDiscretization, Dec, Regge, discretization_named, vector_hierarchy
 from .mesh import Topology, TriangleMesh
+from .preconditioning import AuxiliarySpace, Coarsening, Multigrid
 from .sparse import RowSparseOperator, assembled
 
 _DENSE_BELOW = 400  # unknowns

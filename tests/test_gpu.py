@@ -9,10 +9,9 @@ from scipy.linalg import subspace_angles
 import jaxkvf
 from jaxkvf import shapes
 from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, ScipyEigsh
-from jaxkvf.eigen._ell import block_product
 from jaxkvf.geometry import edge_lengths
 from jaxkvf.killing import Regge
-from jaxkvf.sparse import assembled, to_scipy
+from jaxkvf.sparse import assembled, block_product, to_scipy
 
 pytestmark = pytest.mark.gpu
 

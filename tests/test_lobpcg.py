@@ -22,9 +22,8 @@ from jaxkvf.eigen import (
     ScipyEigsh,
     eigsolve,
 )
-from jaxkvf.eigen._residual import spectral_norm
 from jaxkvf.killing import Regge
-from jaxkvf.sparse import assembled, to_scipy
+from jaxkvf.sparse import assembled, spectral_norm, to_scipy
 
 SIZE = 120
 SHARP = LOBPCG(rtol=1e-12)

@@ -9,8 +9,9 @@ import pytest
 import jaxkvf
 from jaxkvf import geometry as g
 from jaxkvf import shapes
-from jaxkvf.eigen import LOBPCG, AuxiliarySpace, GeneralizedEigenproblem, Multigrid, ScipyEigsh, eigsolve
+from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, ScipyEigsh, eigsolve
 from jaxkvf.killing import Dec, Regge, vector_hierarchy
+from jaxkvf.preconditioning import AuxiliarySpace, Multigrid
 from jaxkvf.sparse import assembled
 
 pytestmark = pytest.mark.slow

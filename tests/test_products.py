@@ -11,11 +11,10 @@ import pytest
 
 from jaxkvf import geometry as g
 from jaxkvf import shapes
-from jaxkvf.eigen import LOBPCG, BlockJacobi, Chebyshev, GeneralizedEigenproblem, eigsolve
-from jaxkvf.eigen._diagonal import cheap_diagonal
-from jaxkvf.eigen._ell import EllProduct, block_product
+from jaxkvf.eigen import LOBPCG, GeneralizedEigenproblem, eigsolve
 from jaxkvf.killing import Dec
-from jaxkvf.sparse import SymmetricBlockOperator, matmat, to_scipy
+from jaxkvf.preconditioning import BlockJacobi, Chebyshev
+from jaxkvf.sparse import EllProduct, SymmetricBlockOperator, block_product, cheap_diagonal, matmat, to_scipy
 
 
 def block_matrix(edges, n, b, seed=0):

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxkvf.eigen._smoothing import Smoother
+from jaxkvf.preconditioning._smoothing import Smoother
 
 EIGENVALUES = np.linspace(0.0, 2.0, 41)
 LARGEST = 2.0

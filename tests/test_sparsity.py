@@ -9,8 +9,7 @@ import pytest
 import scipy.sparse as sp
 
 from jaxkvf.compiled import compiled
-from jaxkvf.eigen._layouts import ProductLayout, RowLayout
-from jaxkvf.sparsity import Sparsity
+from jaxkvf.sparse import ProductLayout, RowLayout, Sparsity
 
 
 def random_pattern(n_rows, n_columns, density, seed):

@@ -6,7 +6,7 @@ import pytest
 
 import jaxkvf
 from jaxkvf import shapes
-from jaxkvf.symmetry import (
+from jaxkvf.symmetrization import (
     LengthFidelity,
     NormalFidelity,
     PositionFidelity,

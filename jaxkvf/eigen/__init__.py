@@ -1,21 +1,15 @@
 """Smallest eigenpairs of generalized symmetric problems, and their derivatives. Knows nothing of meshes."""
 
-from ._auxiliary_space import AuxiliarySpace as AuxiliarySpace
 from ._clusters import cluster_labels as cluster_labels
 from ._clusters import cluster_means as cluster_means
 from ._clusters import cluster_sums as cluster_sums
-from ._coarsening import Coarsening as Coarsening
-from ._coarsening import Interpolation as Interpolation
 from ._dense import DenseEigh as DenseEigh
 from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
 from ._factorization import cholmod_is_installed as cholmod_is_installed
 from ._fallback import WithFallback as WithFallback
-from ._jacobi import BlockJacobi as BlockJacobi
-from ._jacobi import Chebyshev as Chebyshev
 from ._lobpcg import LOBPCG as LOBPCG
-from ._multigrid import Multigrid as Multigrid
 from ._preconditioner import AbstractApproximateInverse as AbstractApproximateInverse
 from ._preconditioner import AbstractPreconditioner as AbstractPreconditioner
 from ._preconditioner import KeptInverse as KeptInverse

@@ -11,11 +11,9 @@ import scipy.sparse as sp
 from jaxtyping import Array, Float
 from scipy.sparse.linalg import LinearOperator, cg
 
-from ..sparse import assembled, matmat, to_scipy
+from ..sparse import assembled, cheap_diagonal, matmat, to_scipy
 from ._dense import DenseEigh
-from ._diagonal import cheap_diagonal
 from ._fallback import WithFallback
-from ._jacobi import BlockJacobi
 from ._lobpcg import LOBPCG
 from ._problem import GeneralizedEigenproblem
 from ._scipy import ScipyEigsh, _shifted_inverse
@@ -101,13 +99,19 @@ def _solve(
 ) -> Float[Array, "n k"]:
     """Conjugate gradients, preconditioned as the eigensolver is; by the diagonal of A where it is not."""
     preconditioner = solver.preconditioner if isinstance(solver, LOBPCG) else None
-    if preconditioner is None and cheap_diagonal(problem.A) is not None:
-        preconditioner = BlockJacobi()
+    inverse = None if preconditioner is None else preconditioner.prepare(problem)
+    diagonal = cheap_diagonal(problem.A)
     BX = matmat(problem.B, X)
 
+    def approximate_inverse(R: Float[Array, "n k"]) -> Float[Array, "n k"]:
+        if inverse is not None:
+            return inverse.apply(R)
+        if diagonal is None:
+            return R
+        return R / jnp.where(diagonal > 0, diagonal, jnp.abs(diagonal).mean())[:, None]
+
     def precondition(R: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        inside = R - BX @ (X.T @ R)
-        Z = inside if preconditioner is None else preconditioner.prepare(problem).apply(inside)
+        Z = approximate_inverse(R - BX @ (X.T @ R))
         return Z - X @ (BX.T @ Z) + X @ (X.T @ R)
 
     tolerance = 1e-4 * max(_ACCEPTED, float(jnp.finfo(F.dtype).eps ** 0.5) * 10)

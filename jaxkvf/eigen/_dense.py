@@ -5,8 +5,9 @@ import jax.numpy as jnp
 from jax.lax.linalg import eigh, triangular_solve
 from jaxtyping import Array, Float
 
+from ..sparse import spectral_norm
 from ._problem import GeneralizedEigenproblem
-from ._residual import relative_residuals, spectral_norm
+from ._residual import relative_residuals
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 

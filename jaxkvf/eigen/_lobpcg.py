@@ -14,14 +14,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, DTypeLike, Float, Int
 
-from ._diagonal import cheap_diagonal
-from ._ell import BlockProduct, block_product
+from ..sparse import BlockProduct, block_product, cheap_diagonal, spectral_norm
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
-from ._residual import relative_residuals, spectral_norm
+from ._residual import relative_residuals
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
-from ._subspace import (
+from .subspace import (
     combined,
     conjugate_directions,
     inverse_roots,

@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from ..compiled import compiled, in_threads
-from ..eigen import Coarsening, Interpolation
 from ..geometry import edge_angles
 from ..mesh import Topology
-from ..sparsity import Sparsity
+from ..preconditioning import Coarsening, Interpolation
+from ..sparse import Sparsity
 
 _HOPS = 2  # coarse points are further apart than this: the loops nested in `_independent_set`
 _SLOTS = 5  # coarse points that a vertex is interpolated from; six spare no steps

@@ -10,8 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, DTypeLike, Float
 
-from ._ell import BlockProduct
-from ._residual import spectral_norm
+from ..sparse import BlockProduct, spectral_norm
 
 _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
 

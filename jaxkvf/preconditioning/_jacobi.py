@@ -5,12 +5,15 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._blocks import apply_blocks, inverse_factors
-from ._diagonal import known_diagonal_blocks
-from ._ell import BlockProduct, block_product
-from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
-from ._problem import GeneralizedEigenproblem
-from ._residual import spectral_norm
+from ..eigen import AbstractApproximateInverse, AbstractPreconditioner, GeneralizedEigenproblem
+from ..sparse import (
+    BlockProduct,
+    apply_blocks,
+    block_product,
+    inverse_factors,
+    known_diagonal_blocks,
+    spectral_norm,
+)
 
 _MARGIN = 1.1  # over the estimate of the largest eigenvalue, which is from below
 

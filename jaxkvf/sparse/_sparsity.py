@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int
 
-from .compiled import compiled
+from ..compiled import compiled
 
 
 class Sparsity(NamedTuple):

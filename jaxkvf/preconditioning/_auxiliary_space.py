@@ -9,10 +9,8 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ._diagonal import known_diagonal_blocks
-from ._ell import BlockProduct, block_product
-from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
-from ._problem import GeneralizedEigenproblem
+from ..eigen import AbstractApproximateInverse, AbstractPreconditioner, GeneralizedEigenproblem
+from ..sparse import BlockProduct, block_product, known_diagonal_blocks
 from ._smoothing import Smoother
 
 

@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .files import check_can_be_written
-from .mesh import TriangleMesh
+from ..files import check_can_be_written
+from ..mesh import TriangleMesh
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..sparse import RowSparseOperator, SymmetricBlockOperator, TransposedRowSparseOperator, assembled
+from ._operators import RowSparseOperator, SymmetricBlockOperator, TransposedRowSparseOperator, assembled
 
 
 def known_diagonal_blocks(operator: lx.AbstractLinearOperator) -> Float[Array, "n b b"]:

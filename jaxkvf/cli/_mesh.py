@@ -6,8 +6,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .files import check_can_be_written
-from .mesh import MeshReport, check, repair
+from ..files import check_can_be_written
+from ..mesh import MeshReport, check, repair
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .fields import killing_fields
-from .files import write_whole
-from .flows import Period, integral_curves, isometry_error, period, vertex_points
-from .geometry import edge_lengths, mean_edge_length
-from .mesh import TriangleMesh
-from .patterns import (
+from ..fields import killing_fields
+from ..files import write_whole
+from ..flows import Period, integral_curves, isometry_error, period, vertex_points
+from ..geometry import edge_lengths, mean_edge_length
+from ..mesh import TriangleMesh
+from ..patterns import (
     emboss,
     paint,
     pattern,
@@ -25,7 +25,7 @@ from .patterns import (
     texture,
     texture_coordinates,
 )
-from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
+from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -163,7 +163,7 @@ def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         console.print(f"wrote {options.output}")
 
     def draw(path: Path) -> None:
-        from .viz import render_flow_lines  # noqa: PLC0415
+        from ..viz import render_flow_lines  # noqa: PLC0415
 
         x, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
         render_flow_lines(path, x, faces, curves.polylines(), np.asarray(vectors))
@@ -245,7 +245,7 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     console.print(f"period T = {found.time:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
 
     def draw(path: Path) -> None:
-        from .viz import Texture, render_colored, render_pattern  # noqa: PLC0415
+        from ..viz import Texture, render_colored, render_pattern  # noqa: PLC0415
 
         x, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
         if made is None:

@@ -10,14 +10,19 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float
 
-from ..sparse import SymmetricBlockOperator, assembled
-from ._blocks import apply_blocks, gathered, inverse_factors, times
+from ..eigen import AbstractApproximateInverse, AbstractPreconditioner, GeneralizedEigenproblem
+from ..eigen.subspace import inverse_roots, ritz_pairs, rounding, scaled, whitening
+from ..sparse import (
+    RowProduct,
+    SymmetricBlockOperator,
+    apply_blocks,
+    assembled,
+    gathered,
+    inverse_factors,
+    times,
+)
 from ._coarsening import Coarsening
-from ._layouts import RowProduct
-from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
-from ._problem import GeneralizedEigenproblem
 from ._smoothing import Smoother
-from ._subspace import inverse_roots, ritz_pairs, rounding, scaled, whitening
 
 _MORE_BELOW = 4  # smoothing steps on the coarser levels, where they cost little and spare LOBPCG steps
 

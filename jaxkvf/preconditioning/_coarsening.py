@@ -12,10 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..sparse import SymmetricBlockOperator
-from ..sparsity import Sparsity
-from ._blocks import gathered, times
-from ._layouts import ProductLayout, RowLayout
+from ..sparse import ProductLayout, RowLayout, Sparsity, SymmetricBlockOperator, gathered, times
 
 
 class Interpolation(eqx.Module):

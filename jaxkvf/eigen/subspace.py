@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ._ell import BlockProduct
+from ..sparse import BlockProduct
 
 
 def orthonormalised(

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .files import check_can_be_written
-from .mesh import TriangleMesh
-from .report import Contents, write_report
-from .symmetry import OUTCOMES, Step, symmetrize
-from .terminal import READABLE, positive, size_of, with_suffix
+from ..files import check_can_be_written
+from ..mesh import TriangleMesh
+from ..report import Contents, write_report
+from ..symmetrization import OUTCOMES, Step, symmetrize
+from ._terminal import READABLE, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console

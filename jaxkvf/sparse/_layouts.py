@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Array, DTypeLike, Float, Int, Shaped
 
 from ..compiled import compiled, in_threads
-from ..sparsity import Sparsity
 from ._blocks import gathered, gathered_or_zero
+from ._sparsity import Sparsity
 
 _MOST_CLASSES = 2  # lengths that sums are padded to
 _WORTH_A_CLASS = 0.9  # padding must fall to this for one more: each costs compilation, and the sums' order

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float, Int
 
-from ..sparse import SymmetricBlockOperator, TransposedRowSparseOperator, assembled, matmat
 from ._blocks import apply_blocks, gathered, gathered_or_zero
+from ._operators import SymmetricBlockOperator, TransposedRowSparseOperator, assembled, matmat
 
 BlockProduct = Callable[[Float[Array, "n k"]], Float[Array, "n k"]]
 

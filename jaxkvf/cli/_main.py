@@ -1,5 +1,5 @@
-"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `cli_mesh`, `cli_flow` and
-`cli_report` add.
+"""The command line: `jaxkvf fields MESH`, `jaxkvf symmetrize [MESH] -o OUT`, and what `_mesh`, `_flow` and
+`_report` add.
 
 Exit codes: 0 done, 1 could not (a message says why) or the mesh has errors, 2 wrong use.
 """
@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from .cli_flow import add_flow_commands
-from .cli_mesh import add_mesh_commands
-from .cli_report import add_report_command
-from .fields import KillingFields, killing_fields
-from .files import write_whole
-from .geometry import edge_lengths, mean_edge_length
-from .mesh import TriangleMesh, shapes
-from .symmetry import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
-from .terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
+from ..fields import KillingFields, killing_fields
+from ..files import write_whole
+from ..geometry import edge_lengths, mean_edge_length
+from ..mesh import TriangleMesh, shapes
+from ..symmetrization import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
+from ._flow import add_flow_commands
+from ._mesh import add_mesh_commands
+from ._report import add_report_command
+from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -139,7 +139,7 @@ def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         console.print(f"wrote {options.output}")
 
     def draw(path: Path) -> None:
-        from .viz import render_fields  # noqa: PLC0415
+        from ..viz import render_fields  # noqa: PLC0415
 
         shown = min(4, options.k)
         titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)[:shown]]
@@ -195,14 +195,14 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         console.print(OUTCOMES[done.result], style="yellow")
     console.print(f"wrote {options.output}")
     if options.changes is not None:
-        from .viz import save_colored_mesh  # noqa: PLC0415
+        from ..viz import save_colored_mesh  # noqa: PLC0415
 
         vertices, faces, _ = _arrays(result, after)
         save_colored_mesh(options.changes, vertices, faces, account.displacements, account.stretches)
         console.print(f"wrote {options.changes}")
 
     def draw(path: Path) -> None:
-        from .viz import Z_UP, render_before_after  # noqa: PLC0415
+        from ..viz import Z_UP, render_before_after  # noqa: PLC0415
 
         unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
         (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(result, after)
@@ -307,7 +307,3 @@ def _message(failure: BaseException) -> str:
     text = str(failure).strip() or type(failure).__name__
     _, _, inner = text.rpartition("EquinoxRuntimeError: ")
     return inner.split("\n\n")[0]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

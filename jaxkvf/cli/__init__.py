@@ -1,0 +1,3 @@
+"""The command line `jaxkvf`."""
+
+from ._main import main as main

@@ -1,0 +1,24 @@
+"""Sparse operators: their parts, products with blocks of vectors, and the way to SciPy. Knows nothing of meshes."""
+
+from ._blocks import apply_blocks as apply_blocks
+from ._blocks import gathered as gathered
+from ._blocks import gathered_or_zero as gathered_or_zero
+from ._blocks import inverse_factors as inverse_factors
+from ._blocks import times as times
+from ._diagonal import cheap_diagonal as cheap_diagonal
+from ._diagonal import known_diagonal_blocks as known_diagonal_blocks
+from ._ell import BlockProduct as BlockProduct
+from ._ell import EllProduct as EllProduct
+from ._ell import block_product as block_product
+from ._layouts import ProductLayout as ProductLayout
+from ._layouts import RowLayout as RowLayout
+from ._layouts import RowProduct as RowProduct
+from ._norm import spectral_norm as spectral_norm
+from ._operators import RowSparseOperator as RowSparseOperator
+from ._operators import SymmetricBlockOperator as SymmetricBlockOperator
+from ._operators import TransposedRowSparseOperator as TransposedRowSparseOperator
+from ._operators import assembled as assembled
+from ._operators import declare_leaf as declare_leaf
+from ._operators import matmat as matmat
+from ._sparsity import Sparsity as Sparsity
+from ._to_scipy import to_scipy as to_scipy
