@@ -16,13 +16,13 @@ from jaxkvf.eigen import (
     RESULTS,
     AbstractApproximateInverse,
     AbstractPreconditioner,
-    Chebyshev,
     DenseEigh,
     GeneralizedEigenproblem,
     ScipyEigsh,
     eigsolve,
 )
 from jaxkvf.killing import Regge
+from jaxkvf.preconditioning import Chebyshev
 from jaxkvf.sparse import assembled, spectral_norm, to_scipy
 
 SIZE = 120
