@@ -7,6 +7,8 @@ from ._check import check as check
 from ._errors import MeshError as MeshError
 from ._errors import MeshTooLargeError as MeshTooLargeError
 from ._errors import check_fits as check_fits
+from ._io import Attributes as Attributes
+from ._io import write_mesh as write_mesh
 from ._repair import Repair as Repair
 from ._repair import repair as repair
 from ._topology import Topology as Topology

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..files import check_can_be_written, write_whole
-from ..mesh import TriangleMesh
+from ..mesh import Attributes, TriangleMesh, write_mesh
 from ._pattern import MARGIN, Pattern
 
 BACKGROUND = (0.86, 0.85, 0.83)
@@ -93,17 +93,8 @@ def save_colored(path: str | os.PathLike[str], mesh: TriangleMesh, colors: Float
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     if colors.shape != x.shape:
         raise ValueError(f"colors must have shape {list(x.shape)}, one a vertex, got {list(colors.shape)}")
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(x)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    vertices = np.empty(len(x), [("position", "<f8", 3), ("color", "u1", 3)])
-    vertices["position"], vertices["color"] = x, np.round(255 * np.clip(colors, 0, 1))
-    records = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-    records["count"], records["corners"] = 3, faces
-    write_whole(path, header.encode("ascii") + vertices.tobytes() + records.tobytes())
+    shades = np.round(255 * np.clip(colors, 0, 1)).astype(np.uint8)
+    write_mesh(path, x, faces, Attributes({"color": shades}))
 
 
 def _glb(

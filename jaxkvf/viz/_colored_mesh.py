@@ -3,9 +3,9 @@
 import os
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
 
-from ..files import write_whole
+from ..mesh import Attributes, write_mesh
 from ._checks import checked_mesh
 from ._colors import SPEED_MAP, mapped
 from ._displacement import color_limits
@@ -33,34 +33,13 @@ def save_colored_mesh(
             f"expected {len(vertices)} values at vertices and {len(faces)} at faces, "
             f"got {list(vertex_values.shape)} and {list(face_values.shape)}"
         )
-    color = [(name, "u1") for name in ("red", "green", "blue")]
-    vertex_type = np.dtype([(axis, "<f8") for axis in "xyz"] + [("quality", "<f4"), *color])
-    face_type = np.dtype([("count", "u1"), ("corners", "<i4", 3), ("quality", "<f4"), *color])
-    vertex_table, face_table = np.zeros(len(vertices), vertex_type), np.zeros(len(faces), face_type)
-    for number, axis in enumerate("xyz"):
-        vertex_table[axis] = vertices[:, number]
-    face_table["count"], face_table["corners"] = 3, faces
-    for table, values, lowest in (
-        (vertex_table, vertex_values, 0.0),
-        (face_table, face_values, face_values.min()),
-    ):
-        table["quality"] = values
-        (_, span), _ = color_limits(values - lowest, signed=False)
-        shades = np.rint(255 * mapped(values, (lowest, lowest + span), SPEED_MAP))
-        for channel, (name, _) in enumerate(color):
-            table[name] = shades[:, channel]
-    colors = [f"property uchar {name}" for name, _ in color]
-    header = [
-        "ply",
-        "format binary_little_endian 1.0",
-        f"element vertex {len(vertices)}",
-        *(f"property double {axis}" for axis in "xyz"),
-        "property float quality",
-        *colors,
-        f"element face {len(faces)}",
-        "property list uchar int vertex_indices",
-        "property float quality",
-        *colors,
-        "end_header\n",
-    ]
-    write_whole(path, "\n".join(header).encode() + vertex_table.tobytes() + face_table.tobytes())
+    vertex, face = (
+        {"quality": values.astype(np.float32), "color": _shades(values, lowest)}
+        for values, lowest in ((vertex_values, 0.0), (face_values, float(face_values.min())))
+    )
+    write_mesh(path, vertices, faces, Attributes(vertex, face))
+
+
+def _shades(values: Float[np.ndarray, " n"], lowest: float) -> UInt8[np.ndarray, "n 3"]:
+    (_, span), _ = color_limits(values - lowest, signed=False)
+    return np.rint(255 * mapped(values, (lowest, lowest + span), SPEED_MAP)).astype(np.uint8)

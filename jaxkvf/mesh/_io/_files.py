@@ -16,6 +16,7 @@ from jaxtyping import Float, Int, Int32
 
 from ...files import write_whole
 from .._errors import MeshError, check_fits
+from ._attributes import NO_ATTRIBUTES, Attributes
 from ._obj import decode_obj, encode_obj
 from ._off import decode_off, encode_off
 from ._ply import decode_ply, encode_ply
@@ -70,7 +71,10 @@ def read_raw(path: str | os.PathLike[str]) -> tuple[Float[np.ndarray, "V 3"], In
 
 
 def write_mesh(
-    path: str | os.PathLike[str], vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
+    path: str | os.PathLike[str],
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Int[np.ndarray, "F 3"],
+    attributes: Attributes = NO_ATTRIBUTES,
 ) -> None:
     """Writes an OBJ, PLY (binary), OFF or STL (binary) file.
 
@@ -81,9 +85,10 @@ def write_mesh(
         path: the file; its ending, in upper or lower case, tells the format. An existing file is replaced.
         vertices: positions, `[V, 3]`.
         faces: corners of the faces, `[F, 3]`, counted from 0.
+        attributes: colours, scalars and texture coordinates to write beside them.
 
     Raises:
-        ValueError: unknown ending.
+        ValueError: unknown ending, attributes that do not fit the mesh, or that the format does not hold.
         MeshError: no faces, a position that is not finite, or a corner out of range: `read_mesh` would refuse the file.
         OSError: the file cannot be written; nothing is left behind and an existing file stays as it was.
     """
@@ -93,7 +98,10 @@ def write_mesh(
         raise ValueError(f"{file}: {_unknown_ending(file)}")
     vertices = vertices.astype(np.float64)
     _check_arrays(vertices, faces)
-    write_whole(file, encode(vertices, faces))
+    attributes.check(len(vertices), len(faces))
+    if attributes and encode is not encode_ply:
+        raise ValueError(f"{file}: attributes are written to PLY only")
+    write_whole(file, encode(vertices, faces, attributes) if attributes else encode(vertices, faces))
 
 
 def _unknown_ending(file: Path) -> str:

@@ -1,12 +1,14 @@
 """Polygon File Format, PLY: ASCII and binary."""
 
 import re
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int, Integer
 
 from .._errors import MeshError
+from ._attributes import COLOR, NO_ATTRIBUTES, Attributes
 from ._text import positions, quoted, significant_lines, triangles
 
 _TYPES = {
@@ -19,6 +21,8 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+_NAMES_OF_TYPES = {code: name for name, code in reversed(_TYPES.items())} | {"b1": "uchar"}
+_CHANNELS = ("red", "green", "blue", "alpha")
 _BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
 _CORNERS = ("vertex_indices", "vertex_index")
 
@@ -58,17 +62,57 @@ def decode_ply(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "
     return _decode_ascii(data[start:], elements, header_lines=len(data[:start].splitlines()))
 
 
-def encode_ply(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> bytes:
-    """Binary PLY with double coordinates."""
-    header = (
-        f"ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n"
-        "property double x\nproperty double y\nproperty double z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    records = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", 3)])
-    records["count"] = 3
-    records["corners"] = faces
-    return header.encode("ascii") + vertices.astype("<f8").tobytes() + records.tobytes()
+def encode_ply(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], attributes: Attributes = NO_ATTRIBUTES
+) -> bytes:
+    """Binary PLY with double coordinates; colours as `red green blue (alpha)`, texture coordinates as a list a face.
+
+    Raises:
+        ValueError: a scalar of a type that PLY does not have.
+    """
+    vertex = [(axis, "double", vertices[:, number]) for number, axis in enumerate("xyz")]
+    face: list[tuple[str, str, np.ndarray]] = [("vertex_indices", "list uchar int", faces)]
+    if attributes.texture is not None:
+        face.append(("texcoord", "list uchar float", attributes.texture.reshape(-1, 6)))
+    header = ["ply", "format binary_little_endian 1.0"]
+    body = b""
+    for element, n, geometry, values in (
+        ("vertex", len(vertices), vertex, attributes.vertex),
+        ("face", len(faces), face, attributes.face),
+    ):
+        columns = geometry + _attribute_columns(element, values)
+        header += [f"element {element} {n}", *(f"property {kind} {name}" for name, kind, _ in columns)]
+        body += _records(n, columns)
+    return "\n".join([*header, "end_header\n"]).encode("ascii", "backslashreplace") + body
+
+
+def _attribute_columns(element: str, values: Mapping[str, np.ndarray]) -> list[tuple[str, str, np.ndarray]]:
+    """Name, type and values of the properties."""
+    columns: list[tuple[str, str, np.ndarray]] = []
+    for name, array in values.items():
+        if name == COLOR:
+            columns += [(c, "uchar", array[:, i]) for i, c in enumerate(_CHANNELS[: array.shape[1]])]
+        elif (kind := _NAMES_OF_TYPES.get(array.dtype.str[1:])) is None:
+            raise ValueError(f"PLY has no type for the {element} attribute '{name}', {array.dtype}")
+        else:
+            columns.append((name, kind, array))
+    return columns
+
+
+def _records(n: int, columns: list[tuple[str, str, np.ndarray]]) -> bytes:
+    fields: list[tuple] = []
+    for name, kind, array in columns:
+        *is_list, item = kind.split()
+        if is_list:
+            fields += [(f"{name} count", "u1"), (name, "<" + _TYPES[item], array.shape[1:])]
+        else:
+            fields.append((name, "<" + _TYPES[item]))
+    table = np.zeros(n, fields)
+    for name, kind, array in columns:
+        table[name] = array
+        if kind.startswith("list"):
+            table[f"{name} count"] = array.shape[1]
+    return table.tobytes()
 
 
 def _read_header(data: bytes) -> tuple[str, list[_Element], int]:
