@@ -11,7 +11,7 @@ from jaxkvf import eigen, shapes
 from jaxkvf import geometry as g
 from jaxkvf.eigen import Cholmod, DenseEigh, GeneralizedEigenproblem, ScipyEigsh, SuperLU, eigsolve
 from jaxkvf.killing import Regge
-from jaxkvf.sparse import SymmetricBlockOperator, to_scipy
+from jaxkvf.sparse import Graph, SymmetricBlockOperator, to_scipy
 
 SOLVERS = {
     "dense": DenseEigh(),
@@ -147,7 +147,9 @@ def test_block_operator_matches_its_matrix():
     diagonal = rng.standard_normal((4, 2, 2))
     diagonal = diagonal + diagonal.transpose(0, 2, 1)
     upper = rng.standard_normal((4, 2, 2))
-    operator = SymmetricBlockOperator(jnp.asarray(diagonal), jnp.asarray(upper), jnp.asarray(edges))
+    operator = SymmetricBlockOperator(
+        jnp.asarray(diagonal), jnp.asarray(upper), Graph.of_edges(jnp.asarray(edges), 4)
+    )
     expected = np.zeros((8, 8))
     for i in range(4):
         expected[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = diagonal[i]

@@ -16,12 +16,12 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import scipy.sparse as sp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..eigen import GeneralizedEigenproblem
 from ..geometry import corner_cotangents, edge_directions, face_areas, rotations_between
 from ..mesh import Topology
-from ..sparse import SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
+from ..sparse import Graph, SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
 from ._discretization import AbstractDiscretization
 
 
@@ -187,7 +187,7 @@ def _(operator: KillingOperator) -> SymmetricBlockOperator:
         from_tail = jnp.where(along, on_side, on_side.mT)
         diagonal = diagonal.at[topology.faces[:, c]].add(block(c, c))
         upper = upper.at[topology.face_edges[:, c]].add(from_tail)
-    return SymmetricBlockOperator(diagonal, upper, topology.edges, _views(topology))
+    return SymmetricBlockOperator(diagonal, upper, _graph(topology))
 
 
 def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlockOperator:
@@ -208,15 +208,14 @@ def _mass(
     return SymmetricBlockOperator(
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
         upper=edge[:, None, None] * head_to_tail,
-        edges=topology.edges,
-        views=_views(topology),
+        graph=_graph(topology),
     )
 
 
-def _views(topology: Topology) -> tuple[Int[Array, " starts"], Int[Array, " S"]]:
-    """For `SymmetricBlockOperator`: the edges of each vertex are its spokes."""
+def _graph(topology: Topology) -> Graph:
+    """Of the edges; those that meet at a vertex are its spokes."""
     from_head = jnp.where(topology.is_tail_spoke, 0, topology.n_edges).astype(topology.spoke_edges.dtype)
-    return topology.spoke_starts, topology.spoke_edges + from_head
+    return Graph(topology.edges, topology.spoke_starts, topology.spoke_edges + from_head)
 
 
 def _sum_over(indices: Array, values: Float[Array, "m w *block"], count: int) -> Float[Array, "count *block"]:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..sparse import ProductLayout, RowLayout, Sparsity, SymmetricBlockOperator, gathered, times
+from ..sparse import Graph, ProductLayout, RowLayout, Sparsity, SymmetricBlockOperator, gathered, times
 
 
 class Interpolation(eqx.Module):
@@ -130,4 +130,4 @@ class Coarsening(eqx.Module):
         """PᵀKP, by the blocks of K (diagonal, upper, transposed upper) and of P (as `prolongation` gives them)."""
         product = gathered(self.galerkin(P, self.half(blocks, P), transposed=True), self.diagonal_first)
         n = self.interpolation.n_coarse
-        return SymmetricBlockOperator(diagonal=product[:n], upper=product[n:], edges=self.coarse_edges)
+        return SymmetricBlockOperator(product[:n], product[n:], Graph.of_edges(self.coarse_edges, n))

@@ -70,7 +70,7 @@ class Multigrid(AbstractPreconditioner):
         K = SymmetricBlockOperator(
             (A.diagonal + shift * B.diagonal).astype(dtype),
             (A.upper + shift * B.upper).astype(dtype),
-            A.edges,
+            A.graph,
         )
         length = jnp.linalg.norm(B.upper, axis=(1, 2), keepdims=True) / B.block_size**0.5
         stay = jnp.eye(B.block_size, dtype=B.upper.dtype)[None]

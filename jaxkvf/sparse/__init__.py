@@ -1,5 +1,7 @@
 """Sparse operators: their parts, products with blocks of vectors, and the way to SciPy. Knows nothing of meshes."""
 
+from ._block_product import BlockProduct as BlockProduct
+from ._block_product import block_product as block_product
 from ._blocks import apply_blocks as apply_blocks
 from ._blocks import gathered as gathered
 from ._blocks import gathered_or_zero as gathered_or_zero
@@ -7,12 +9,8 @@ from ._blocks import inverse_factors as inverse_factors
 from ._blocks import times as times
 from ._diagonal import cheap_diagonal as cheap_diagonal
 from ._diagonal import known_diagonal_blocks as known_diagonal_blocks
-from ._ell import BlockProduct as BlockProduct
-from ._ell import EllProduct as EllProduct
-from ._ell import block_product as block_product
-from ._layouts import ProductLayout as ProductLayout
-from ._layouts import RowLayout as RowLayout
-from ._layouts import RowProduct as RowProduct
+from ._graph import Graph as Graph
+from ._matrix_product import ProductLayout as ProductLayout
 from ._norm import spectral_norm as spectral_norm
 from ._operators import RowSparseOperator as RowSparseOperator
 from ._operators import SymmetricBlockOperator as SymmetricBlockOperator
@@ -20,5 +18,7 @@ from ._operators import TransposedRowSparseOperator as TransposedRowSparseOperat
 from ._operators import assembled as assembled
 from ._operators import declare_leaf as declare_leaf
 from ._operators import matmat as matmat
+from ._rows import RowLayout as RowLayout
+from ._rows import RowProduct as RowProduct
 from ._sparsity import Sparsity as Sparsity
 from ._to_scipy import to_scipy as to_scipy

@@ -1,10 +1,11 @@
 """Arithmetic with many small dense blocks at once."""
 
 import functools
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int, Shaped
+from jaxtyping import Array, DTypeLike, Float, Int, Shaped
 
 
 def times(L: Float[Array, "... a b"], R: Float[Array, "... b c"]) -> Float[Array, "... a c"]:
@@ -52,3 +53,17 @@ def gathered(values: Shaped[Array, "n ..."], places: Int[Array, "..."]) -> Shape
 def gathered_or_zero(values: Shaped[Array, "n ..."], places: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """`values[places]`, and 0 for places out of bounds, none of them negative."""
     return values.at[places].get(mode="fill", fill_value=0, wrap_negative_indices=False)
+
+
+def sum_of_chunks(
+    chunk: Callable[..., Array], shape: tuple[int, ...], dtype: DTypeLike, *terms: Shaped[Array, "chunks ..."]
+) -> Array:
+    """Σ chunk(*terms[i]), which XLA computes once: a loop, or a branch where there is but one chunk.
+
+    It would compute a plain expression anew wherever its result is gathered: of chained products, exponentially often.
+    """
+    empty = jnp.zeros(shape, dtype)
+    if len(terms[0]) > 1:
+        return jax.lax.scan(lambda total, terms: (total + chunk(*terms), None), empty, terms)[0]
+    some = terms[-1].ravel()[0] >= 0  # always, but XLA does not know
+    return jax.lax.cond(some, lambda: chunk(*(part[0] for part in terms)), lambda: empty)

@@ -12,6 +12,9 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Float, Int
 
+from ._blocks import gathered_or_zero
+from ._graph import Graph
+
 
 class RowSparseOperator(lx.AbstractLinearOperator):
     """A rectangular matrix with the same number of entries in every row: (M x)_r = Σ_s values[r, s] x[columns[r, s]]."""
@@ -70,12 +73,20 @@ class SymmetricBlockOperator(lx.AbstractLinearOperator):
     diagonal: Float[Array, "n b b"]
     """Symmetric blocks."""
     upper: Float[Array, "m b b"]
-    edges: Int[Array, "m 2"]
-    views: tuple[Int[Array, " starts"], Int[Array, " views"]] | None = None
-    """Where each node's views start, and all views: edge e seen from its tail is e, seen from its head m + e.
+    graph: Graph
 
-    Where they are known they save fast products a sort.
-    """
+    @property
+    def edges(self) -> Int[Array, "m 2"]:
+        return self.graph.edges
+
+    def blocks(self, numbers: Int[Array, "*shape"]) -> Float[Array, "*shape b b"]:
+        """By number: the n diagonal ones, the m upper ones, the m transposed upper ones; zero for numbers out of bounds."""
+        n, m = len(self.diagonal), len(self.upper)
+        lower = numbers >= n + m
+        edge = jnp.where(numbers < n, m, numbers - n - jnp.where(lower, m, 0))
+        beside = gathered_or_zero(self.upper, edge)
+        beside = jnp.where(lower[..., None, None], beside.mT, beside)
+        return gathered_or_zero(self.diagonal, numbers) + beside
 
     @property
     def block_size(self) -> int:

@@ -42,7 +42,7 @@ class Sparsity(NamedTuple):
     def of_graph(
         cls, edges: Int[np.ndarray, "m 2"], n_nodes: int, along: Bool[np.ndarray, " m"] | None = None
     ) -> "Sparsity":
-        """Of a `SymmetricBlockOperator`: its blocks are the n diagonal ones, the m upper ones, the m transposed upper ones.
+        """Of a `SymmetricBlockOperator`, with its numbers of blocks.
 
         Args:
             edges: the graph.
