@@ -91,7 +91,7 @@ class RowLayout(eqx.Module):
 
     def fill(self, blocks: Float[Array, "m _ _"] | BlocksAt, *, transposed: bool = False) -> "RowProduct":
         """The matrix with these blocks, or with their transposes."""
-        blocks_at = eqx.Partial(gathered_or_zero, blocks) if eqx.is_array(blocks) else blocks
+        blocks_at: BlocksAt = blocks if callable(blocks) else eqx.Partial(gathered_or_zero, blocks)
         values = tuple(blocks_at(entries) for entries in self.entries)
         rest = None if self.rest is None else (self.rest, blocks_at)
         return RowProduct(values, self.columns, self.places, rest, transposed)
