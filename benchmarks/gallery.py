@@ -14,12 +14,11 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
-import matplotlib as mpl  # noqa: E402
 import numpy as np  # noqa: E402
 from PIL import Image  # noqa: E402
 
 import jaxkvf  # noqa: E402
-from jaxkvf import TriangleMesh, patterns, report, shapes, viz  # noqa: E402
+from jaxkvf import KillingFields, TriangleMesh, geometry, patterns, report, shapes, viz  # noqa: E402
 from jaxkvf.files import write_whole  # noqa: E402
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
@@ -30,6 +29,14 @@ def arrays(mesh: TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
+def field_scenes(mesh: TriangleMesh, found: KillingFields) -> list[viz.Scene]:
+    titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)]
+    vectors = np.asarray(found.vectors)
+    return [
+        viz.Scene(*arrays(mesh), title, vectors=field) for title, field in zip(titles, vectors, strict=True)
+    ]
+
+
 def listed(values: object) -> str:
     return ", ".join(f"{value:.3g}" for value in np.asarray(values))
 
@@ -37,11 +44,10 @@ def listed(values: object) -> str:
 def limbs(path: Path) -> str:
     mesh = shapes.limbed_blob(20)
     found = jaxkvf.killing_fields(mesh, 4)
-    titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)]
-    viz.render_fields(path, *arrays(mesh), np.asarray(found.vectors), titles, size=(1280, 340))
+    viz.render(path, field_scenes(mesh, found), size=(1280, 340))
     return (
         "A blob with limbs, no symmetry, and the fields closest to one: they turn the limbs as far as the rest lets them. "
-        f"λ·area = {listed(found.dimensionless)}. `killing_fields`, `viz.render_fields`; Fig. 11 of the paper."
+        f"λ·area = {listed(found.dimensionless)}. `killing_fields`, `viz.render`; Fig. 11 of the paper."
     )
 
 
@@ -55,11 +61,12 @@ def cone(path: Path) -> str:
     cap = np.stack([0 * along, 0 * along + 1, along], axis=1)[1::2]
     starts = jaxkvf.closest_points(mesh, np.concatenate([slant, cap]))
     curves = jaxkvf.integral_curves(mesh, field, turn.time, *starts)
-    viz.render_flow_lines(path, *arrays(mesh), curves.polylines(), np.asarray(field), size=(900, 640))
+    scene = viz.Scene(*arrays(mesh), vectors=np.asarray(field), curves=curves.polylines())
+    viz.render(path, scene, size=(900, 640))
     return (
         f"A cone squashed to 0.8 of its width keeps a symmetry roughly, λ₀·area = {float(found.dimensionless[0]):.3g}: "
         f"{int(turn.closed.sum())} of {len(turn.closed)} integral curves close, their times spread by {turn.spread:.1%}. "
-        "`period`, `integral_curves`, `viz.render_flow_lines`; Fig. 8."
+        "`period`, `integral_curves`, `viz.render`; Fig. 8."
     )
 
 
@@ -71,20 +78,18 @@ def symmetrized(path: Path) -> str:
     done = jaxkvf.symmetrize(mesh)
     account = jaxkvf.symmetry_report(mesh, done)
     before, after = (jaxkvf.killing_fields(m, 1) for m in (mesh, done.mesh))
-    viz.render_before_after(
-        path,
-        np.asarray(mesh.vertices),
-        np.asarray(done.mesh.vertices),
-        np.asarray(mesh.faces),
-        vectors_before=np.asarray(before.vectors[0]),
-        vectors_after=np.asarray(after.vectors[0]),
-        view=viz.Z_UP,
-        size=(1280, 640),
-    )
+    unit = geometry.mean_edge_length(geometry.edge_lengths(mesh.vertices, mesh.topology))
+    moved = geometry.normal_displacements(mesh.vertices, done.mesh.vertices, mesh.topology) / unit
+    bar = {"values": np.asarray(moved), "signed": True, "color_bar": "normal displacement / mean edge length"}
+    scenes = [
+        viz.Scene(*arrays(mesh), "before", vectors=np.asarray(before.vectors[0])),
+        viz.Scene(*arrays(done.mesh), "after", vectors=np.asarray(after.vectors[0]), **bar),
+    ]
+    viz.render(path, scenes, view=viz.Z_UP, size=(1280, 640))
     return (
         f"A spheroid with a dent, λ₀·area = {float(before.dimensionless[0]):.3g}, and the symmetric mesh that `symmetrize` "
         f"finds, {float(after.dimensionless[0]):.2g}, in {account.evaluations} evaluations. Vertices moved by "
-        f"{account.rms_displacement:.2f} mean edges (RMS), most of it to fill the dent. `viz.render_before_after`."
+        f"{account.rms_displacement:.2f} mean edges (RMS), most of it to fill the dent. `viz.render`."
     )
 
 
@@ -100,10 +105,10 @@ def disks(path: Path) -> str:
     ring = np.hypot(axis[:, None], axis[None, :]) % 0.5 < 0.25
     image = np.where(ring[..., None], [0.19, 0.41, 0.56], [0.96, 0.92, 0.80])
     texture = viz.Texture(*patterns.texture_coordinates(made), patterns.texture(image))
-    viz.render_pattern(path, *arrays(made.mesh), texture, view=viz.Z_UP, size=(900, 640))
+    viz.render(path, viz.Scene(*arrays(made.mesh), texture=texture), view=viz.Z_UP, size=(900, 640))
     return (
         f"Rings around two points of a vase, repeated {m} times by the flow of its Killing field. `pattern`, "
-        "`viz.render_pattern`; Fig. 14."
+        "`viz.render`; Fig. 14."
     )
 
 
@@ -111,9 +116,11 @@ def local(path: Path) -> str:
     mesh = shapes.limbed_blob(20)
     radius = 0.8
     values = np.log10(jaxkvf.local_symmetry(mesh, radius, samples=150).values)
-    low, high = values.min(), values.max()
-    colors = mpl.colormaps["cividis"]((values - low) / (high - low))[:, :3]
-    viz.render_colored(path, *arrays(mesh), colors, size=(900, 640))
+    low, high = float(values.min()), float(values.max())
+    scene = viz.Scene(
+        *arrays(mesh), values=values, limits=(low, high), color_bar="log₁₀ of the lowest λ·area"
+    )
+    viz.render(path, scene, size=(900, 640))
     return (
         f"Where the blob has symmetric parts: the lowest λ·area of geodesic balls of radius {radius:g} around each place, "
         f"from {10**low:.2g} (dark) to {10**high:.2g} (yellow), on a logarithmic scale. `local_symmetry`."
@@ -124,9 +131,8 @@ def bent(path: Path) -> str:
     flat = shapes.annulus(12, 0.4, 1.0)
     mesh = flat.with_vertices(flat.vertices.at[:, 2].set(0.6 * flat.vertices[:, 0] ** 2))
     found = jaxkvf.killing_fields(mesh, 4)
-    titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)]
     view = ((0.5, -1.0, 0.9), (0.0, 0.0, 1.0))
-    viz.render_fields(path, *arrays(mesh), np.asarray(found.vectors), titles, view=view, size=(1280, 340))
+    viz.render(path, field_scenes(mesh, found), view=view, size=(1280, 340))
     return (
         "A flat piece bent into a trough, with free boundary. No motion of space takes it into itself, but lengths on it "
         f"are as they were: it has the three Killing fields of the plane: λ·area = {listed(found.dimensionless)}. "
@@ -139,7 +145,7 @@ def page(path: Path) -> str:
     done = jaxkvf.symmetrize(mesh)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "vase.html"
-        report.write_report(mesh, file, symmetrized=done.mesh, title="A noisy vase", up="z")
+        report.write_report(file, mesh, symmetrized=done.mesh, title="A noisy vase", up="z")
         size = file.stat().st_size
         command = (
             "chromium --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader "

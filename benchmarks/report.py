@@ -34,7 +34,7 @@ def main() -> None:
         file = Path(folder) / "report.html"
         for name, other in (("one surface", None), ("two surfaces", mesh)):
             start = time.perf_counter()
-            write_report(noisy, file, options.k, symmetrized=other)
+            write_report(file, noisy, options.k, symmetrized=other)
             seconds = time.perf_counter() - start
             print(f"{name}: {file.stat().st_size / 1e6:.2f} MB, {seconds:.1f} s (compilation in the first)")
 

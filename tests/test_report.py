@@ -89,11 +89,11 @@ def test_what_cannot_be_done_says_why(tmp_path, monkeypatch, capsys):
     mesh, file = shapes.icosphere(2), tmp_path / "sphere.obj"
     mesh.save(file)
     with pytest.raises(ValueError, match=r"written as \.html"):
-        write_report(mesh, tmp_path / "page.pdf")
+        write_report(tmp_path / "page.pdf", mesh)
     with pytest.raises(ValueError, match="same mesh"):
-        write_report(mesh, tmp_path / "page.html", symmetrized=shapes.icosphere(3))
+        write_report(tmp_path / "page.html", mesh, symmetrized=shapes.icosphere(3))
     with pytest.raises(ValueError, match="up must be"):
-        write_report(mesh, tmp_path / "page.html", up="x")
+        write_report(tmp_path / "page.html", mesh, up="x")
     for arguments, message in (
         (["nowhere.obj", "-o", "page.html"], "nowhere.obj"),
         ([str(file), "-o", "no/such/page.html"], "the folder"),

@@ -163,10 +163,10 @@ def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         console.print(f"wrote {options.output}")
 
     def draw(path: Path) -> None:
-        from ..viz import render_flow_lines  # noqa: PLC0415
+        from ..viz import Scene, render  # noqa: PLC0415
 
         x, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        render_flow_lines(path, x, faces, curves.polylines(), np.asarray(vectors))
+        render(path, Scene(x, faces, vectors=np.asarray(vectors), curves=curves.polylines()))
 
     drawn = draw_picture(draw, options.picture or Path(f"{options.mesh.stem}-flow.png"), options, console)
     return {
@@ -245,13 +245,11 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     console.print(f"period T = {found.time:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
 
     def draw(path: Path) -> None:
-        from ..viz import Texture, render_colored, render_pattern  # noqa: PLC0415
+        from ..viz import Scene, Texture, render  # noqa: PLC0415
 
         x, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
-        if made is None:
-            render_colored(path, x, faces, colors)
-        else:
-            render_pattern(path, x, faces, Texture(*texture_coordinates(made), texture(image)))
+        on_it = None if made is None else Texture(*texture_coordinates(made), texture(image))
+        render(path, Scene(x, faces, colors=colors, texture=on_it))
 
     picture = options.picture or output.with_name(f"{output.stem}-pattern.png")
     return report | {"picture": draw_picture(draw, picture, options, console)}

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..fields import KillingFields, killing_fields
 from ..files import write_whole
-from ..geometry import edge_lengths, mean_edge_length
+from ..geometry import edge_lengths, mean_edge_length, normal_displacements
 from ..mesh import TriangleMesh, shapes
 from ..symmetrization import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
 from ._flow import add_flow_commands
@@ -139,12 +139,14 @@ def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         console.print(f"wrote {options.output}")
 
     def draw(path: Path) -> None:
-        from ..viz import render_fields  # noqa: PLC0415
+        from ..viz import Scene, render  # noqa: PLC0415
 
-        shown = min(4, options.k)
-        titles = [f"λ·area = {value:.3g}" for value in np.asarray(found.dimensionless)[:shown]]
         vertices, faces, vectors = _arrays(mesh, found)
-        render_fields(path, vertices, faces, vectors[:shown], titles)
+        scenes = [
+            Scene(vertices, faces, f"λ·area = {value:.3g}", vectors=field)
+            for value, field in zip(np.asarray(found.dimensionless)[:4], vectors[:4], strict=True)
+        ]
+        render(path, scenes, size=(480 * len(scenes), 540))
 
     picture = options.picture or Path(f"{options.mesh.stem}-fields.png")
     drawn = draw_picture(draw, picture, options, console)
@@ -202,7 +204,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         console.print(f"wrote {options.changes}")
 
     def draw(path: Path) -> None:
-        from ..viz import Z_UP, render_before_after  # noqa: PLC0415
+        from ..viz import Z_UP, Scene, render  # noqa: PLC0415
 
         unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
         (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(result, after)
@@ -210,17 +212,20 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         def title(when: str, fields: KillingFields) -> str:
             return f"{when}: λ₀·area = {float(fields.dimensionless[0]):.2g}"
 
-        render_before_after(
-            path,
-            x0,
-            x1,
-            faces,
-            unit=unit,
-            vectors_before=field0[0],
-            vectors_after=field1[0],
-            titles=(title("before", before), title("after", after)),
-            view=Z_UP if options.mesh is None else None,
-        )
+        moved = np.asarray(normal_displacements(mesh.vertices, result.vertices, mesh.topology)) / unit
+        scenes = [
+            Scene(x0, faces, title("before", before), vectors=field0[0]),
+            Scene(
+                x1,
+                faces,
+                title("after", after),
+                vectors=field1[0],
+                values=moved,
+                signed=True,
+                color_bar="normal displacement / mean edge length",
+            ),
+        ]
+        render(path, scenes, size=(1600, 800), view=Z_UP if options.mesh is None else None)
 
     drawn = draw_picture(draw, options.picture or options.output.with_suffix(".png"), options, console)
     return {

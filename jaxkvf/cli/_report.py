@@ -51,8 +51,8 @@ def _report(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
                 raise RuntimeError(OUTCOMES[done.result])
             moved, remark = done.mesh, OUTCOMES[done.result]
         told = write_report(
-            mesh,
             options.output,
+            mesh,
             options.k,
             symmetrized=moved,
             discretization=options.discretization,

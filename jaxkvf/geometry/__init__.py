@@ -3,9 +3,11 @@
 from ._ambient import embed as embed
 from ._ambient import face_frames as face_frames
 from ._ambient import face_normals as face_normals
+from ._ambient import normal_displacements as normal_displacements
 from ._ambient import project as project
 from ._ambient import vertex_frames as vertex_frames
 from ._ambient import vertex_normals as vertex_normals
+from ._creases import split_at_creases as split_at_creases
 from ._delaunay import IntrinsicDelaunay as IntrinsicDelaunay
 from ._delaunay import delaunay_tolerance as delaunay_tolerance
 from ._delaunay import intrinsic_delaunay as intrinsic_delaunay
@@ -22,6 +24,8 @@ from ._metric import edge_lengths as edge_lengths
 from ._metric import face_areas as face_areas
 from ._metric import mean_edge_length as mean_edge_length
 from ._metric import surface_area as surface_area
+from ._sampling import Samples as Samples
+from ._sampling import spread_evenly as spread_evenly
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations

@@ -25,6 +25,14 @@ def vertex_normals(vertices: Float[Array, "V 3"], topology: Topology) -> Float[A
     return total / jnp.linalg.norm(total, axis=1, keepdims=True)
 
 
+@jax.jit
+def normal_displacements(
+    before: Float[Array, "V 3"], after: Float[Array, "V 3"], topology: Topology
+) -> Float[Array, " V"]:
+    """How far each vertex moved along its outward normal before. Unit: length, negative inward."""
+    return ((after - before) * vertex_normals(before, topology)).sum(axis=1)
+
+
 def _face_area_vectors(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "F 3"]:
     a, b, c = (vertices[topology.faces[:, corner]] for corner in range(3))
     return 0.5 * jnp.cross(b - a, c - a)

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..files import check_can_be_written, write_whole
+from ..geometry import vertex_normals
 from ..mesh import Attributes, TriangleMesh, write_mesh
 from ._pattern import MARGIN, Pattern
 
@@ -106,7 +107,7 @@ def _glb(
     pairs, position = np.unique(
         np.stack([faces.ravel(), corners.ravel()], axis=1), axis=0, return_inverse=True
     )
-    normals = _vertex_normals(np.asarray(mesh.vertices, np.float64), faces)
+    normals = np.asarray(vertex_normals(mesh.vertices, mesh.topology))
     material = visual.material.PBRMaterial(
         baseColorTexture=_extra("PIL.Image").fromarray(pixels), metallicFactor=0.0, roughnessFactor=0.8
     )
@@ -124,7 +125,7 @@ def _obj(
     mesh: TriangleMesh, uv: Float[np.ndarray, "t 2"], corners: Int[np.ndarray, "G 3"], name: str
 ) -> bytes:
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
-    normals = _vertex_normals(x, faces)
+    normals = np.asarray(vertex_normals(mesh.vertices, mesh.topology))
     text = f"mtllib {name}.mtl\nusemtl {name}\n"
     text += "v %r %r %r\n" * len(x) % tuple(x.ravel().tolist())
     text += "vt %.7f %.7f\n" * len(uv) % tuple(uv.ravel().tolist())
@@ -132,13 +133,6 @@ def _obj(
     numbers = np.stack([faces, corners, faces], axis=2) + 1
     text += "f %d/%d/%d %d/%d/%d %d/%d/%d\n" * len(faces) % tuple(numbers.ravel().tolist())
     return text.encode("ascii")
-
-
-def _vertex_normals(x: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Float[np.ndarray, "V 3"]:
-    a, b, c = (x[faces[:, i]] for i in range(3))
-    normals = np.zeros_like(x)
-    np.add.at(normals, faces, np.cross(b - a, c - a)[:, None])
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _material(name: str, image: str) -> bytes:

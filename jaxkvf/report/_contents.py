@@ -8,9 +8,9 @@ from jaxtyping import Float, Int
 
 from ..fields import KillingFields, killing_fields
 from ..flows import Period, integral_curves, period
+from ..geometry import spread_evenly
 from ..killing import AbstractDiscretization, killing_energy_density
 from ..mesh import TriangleMesh
-from ..viz import spread_evenly
 
 LINES = 64
 """Flow lines of each field at most, and curves that its period is taken from: as many, so that tracing is compiled once."""
@@ -108,7 +108,7 @@ def _lines(
     starts = spread_evenly(x, faces[moving], LINES)
     # A unit-norm field has the root mean square speed 1/√area: in this time it goes half around a sphere of this area.
     duration = np.sqrt(np.pi) * area if found is None else found.time
-    curves = integral_curves(mesh, field, duration, moving[starts.faces], starts.weights, samples=_STEPS)
+    curves = integral_curves(mesh, field, duration, moving[starts.faces], starts.barycentric, samples=_STEPS)
     lines = curves.polylines()
     kept = _apart(lines, _APART * starts.spacing)
     counts = np.array([len(lines[i]) for i in kept])

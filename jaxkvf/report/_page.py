@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from ..fields import EXACT
-from ..geometry import edge_lengths, mean_edge_length
+from ..geometry import edge_lengths, mean_edge_length, spread_evenly
 from ..mesh import TriangleMesh
-from ..viz import SPEED_MAP, color_map, spread_evenly
+from ..viz import SPEED_MAP, color_map
 from ._contents import Contents, FlowLines
 
 _ARROWS = 300
@@ -53,7 +53,7 @@ def page(told: tuple[Contents, ...], library: str, *, title: str, up: str) -> st
         "faces": _encoded(np.asarray(first.mesh.faces), np.uint32),
         "exact": EXACT,
         "colors": _encoded(255 * color_map(SPEED_MAP)(np.linspace(0, 1, 256))[:, :3], np.uint8),
-        "surfaces": [_surface(each, name) for each, name in zip(told, names, strict=True)],
+        "surfaces": [_shown(each, name) for each, name in zip(told, names, strict=True)],
     }
     if others:
         data["displacement"] = _scaled(_displacement(first.mesh, others[0].mesh))
@@ -71,7 +71,7 @@ def _asset(name: str) -> str:
     return (importlib.resources.files("jaxkvf.report") / "assets" / name).read_text(encoding="utf-8")
 
 
-def _surface(told: Contents, name: str) -> dict[str, Any]:
+def _shown(told: Contents, name: str) -> dict[str, Any]:
     mesh, fields, topology = told.mesh, told.fields, told.mesh.topology
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     used = x[np.unique(faces)]
@@ -85,7 +85,7 @@ def _surface(told: Contents, name: str) -> dict[str, Any]:
         "high": high.tolist(),
         "arrows": {
             "faces": _encoded(arrows.faces, np.uint32),
-            "weights": _encoded(arrows.weights, np.float32),
+            "weights": _encoded(arrows.barycentric, np.float32),
             "spacing": arrows.spacing,
         },
         "facts": {

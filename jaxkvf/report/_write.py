@@ -14,8 +14,8 @@ from ._page import page, three_js
 
 
 def write_report(
-    mesh: TriangleMesh,
     path: str | os.PathLike[str],
+    mesh: TriangleMesh,
     k: int = 6,
     *,
     symmetrized: TriangleMesh | None = None,
@@ -29,8 +29,8 @@ def write_report(
     About 0.6 MB for three.js, and 1.4 MB for each 10,000 vertices with 6 fields (`python benchmarks/report.py` prints it).
 
     Args:
-        mesh: the surface.
         path: the file, ending in `.html`.
+        mesh: the surface.
         k: number of fields.
         symmetrized: a mesh of the same connectivity to show beside it.
         discretization: as for `killing_fields`.

@@ -3,9 +3,9 @@
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..geometry import Samples
 from ._colors import ARROW_COLOR, plain
-from ._photo import Surface
-from ._samples import Samples
+from ._photo import PaintedMesh
 
 REACH = 1.35
 """Length of the fastest arrow; this and the next four in mean distances between arrows."""
@@ -31,8 +31,8 @@ def arrows_at(
     vectors: Float[np.ndarray, "V 3"],
     *,
     eye: Float[np.ndarray, "3"],
-) -> list[Surface]:
-    """Arrows of a vertex field, centred at the samples, as one surface; none where the field is 0.
+) -> list[PaintedMesh]:
+    """Arrows of a vertex field, centred at the samples, as one mesh; none where the field is 0.
 
     Lengths are proportional to the norm; the fastest vertex has `REACH` mean distances between samples.
 
@@ -43,7 +43,7 @@ def arrows_at(
         vectors: the field; between vertices it is interpolated linearly.
         eye: where the camera stands; arrows are lifted off the surface towards it.
     """
-    corners, weights = faces[samples.faces], samples.weights[:, :, None]
+    corners, weights = faces[samples.faces], samples.barycentric[:, :, None]
     places, values = ((weights * at[corners]).sum(axis=1) for at in (vertices, vectors))
     top_speed = float(np.linalg.norm(vectors[faces], axis=2).max())
     a, b, c = np.moveaxis(vertices[corners], 1, 0)
@@ -74,7 +74,9 @@ def _outer_side(
     return cosines * volume > 0
 
 
-def arrow_mesh(tails: Float[np.ndarray, "N 3"], shafts: Float[np.ndarray, "N 3"], spacing: float) -> Surface:
+def arrow_mesh(
+    tails: Float[np.ndarray, "N 3"], shafts: Float[np.ndarray, "N 3"], spacing: float
+) -> PaintedMesh:
     """Round arrows with conical heads as one mesh: each is a profile turned about its axis."""
     lengths = np.linalg.norm(shafts, axis=1)
     axes = shafts / lengths[:, None]
@@ -100,7 +102,7 @@ def arrow_mesh(tails: Float[np.ndarray, "N 3"], shafts: Float[np.ndarray, "N 3"]
     per_arrow = along.shape[1] * SIDES
     faces = faces[None] + per_arrow * np.arange(len(tails))[:, None, None]
     vertices = points.reshape(-1, 3)
-    return Surface(vertices, faces.reshape(-1, 3), plain(len(vertices), ARROW_COLOR), smooth=False)
+    return PaintedMesh(vertices, faces.reshape(-1, 3), plain(len(vertices), ARROW_COLOR), smooth=False)
 
 
 def _turned_faces(*, rings: int, sides: int) -> Int[np.ndarray, "F 3"]:

@@ -3,7 +3,7 @@
 from typing import Any
 
 from ._extras import extra
-from ._page import INK
+from ._figure import INK
 
 SERIES_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 MARKERS = ("o", "s", "^", "D", "v", "P")

@@ -11,11 +11,16 @@ from jaxtyping import Float
 View: TypeAlias = tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]
 """(direction from the object towards the camera, direction that is up in the picture), of any lengths."""
 
+X_UP: View = ((0.45, 1.0, 0.65), (1.0, 0.0, 0.0))
+"""Three-quarter view of an object that stands along x."""
+
 Y_UP: View = ((0.65, 0.45, 1.0), (0.0, 1.0, 0.0))
 """Three-quarter view of an object that stands along y, as most mesh files do. The default."""
 
 Z_UP: View = ((0.65, -1.0, 0.45), (0.0, 0.0, 1.0))
 """Three-quarter view of an object that stands along z, as surfaces of revolution in formulas do."""
+
+_UPRIGHT = (X_UP, Y_UP, Z_UP)
 
 FIELD_OF_VIEW = 28.0
 """Vertical field of view in degrees: a long lens, little distortion."""
@@ -31,6 +36,26 @@ class Camera:
     position: Float[np.ndarray, "3"]
     target: Float[np.ndarray, "3"]
     up: Float[np.ndarray, "3"]
+
+
+def view_upright(axis: Sequence[float] | np.ndarray) -> View:
+    """Three-quarter view of an object that stands along an axis, of either sense: its largest component is taken to be up.
+
+    Along x, y and z it is `X_UP`, `Y_UP` and `Z_UP`; otherwise the nearest of these, turned with the axis.
+
+    Raises:
+        ValueError: the axis is not three finite numbers, or is zero.
+    """
+    up = np.asarray(axis, np.float64)
+    if up.shape != (3,) or not np.isfinite(up).all() or not up.any():
+        raise ValueError(f"an axis must be three finite numbers, not all 0; got {axis}")
+    nearest = int(np.argmax(np.abs(up)))
+    up = up / np.linalg.norm(up) * np.sign(up[nearest])
+    direction, old = (np.array(part) for part in _UPRIGHT[nearest])
+    # Rodrigues' formula for the smallest rotation that takes one unit vector to another, less than a right angle away.
+    normal, cosine = np.cross(old, up), old @ up
+    turned = direction * cosine + np.cross(normal, direction) + normal * (normal @ direction) / (1 + cosine)
+    return turned, up
 
 
 def view_axes(

@@ -94,15 +94,45 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def checked_unit(unit: float) -> float:
-    """A length to measure with.
+def checked_angle(degrees: float) -> float:
+    """An angle between faces.
 
     Raises:
-        ValueError: it is not positive and finite.
+        ValueError: it is not within 0 … 180.
     """
-    if not (math.isfinite(unit) and unit > 0):
-        raise ValueError(f"unit must be a positive length; got {unit}")
-    return float(unit)
+    if not 0 <= degrees <= 180:
+        raise ValueError(f"crease_angle must be within 0 … 180 degrees; got {degrees}")
+    return float(degrees)
+
+
+def checked_values(
+    values: Float[np.ndarray, "_"], vertices: Float[np.ndarray, "V 3"]
+) -> Float[np.ndarray, " V"]:
+    """The numbers as float64, one for each vertex.
+
+    Raises:
+        ValueError: they are not, or one is not finite.
+    """
+    values = np.asarray(values, np.float64)
+    if values.shape != (len(vertices),) or not np.isfinite(values).all():
+        raise ValueError(
+            f"values must be {len(vertices)} finite numbers, one per vertex; got {list(values.shape)}"
+        )
+    return values
+
+
+def checked_limits(limits: tuple[float, float] | None) -> tuple[float, float] | None:
+    """The ends of a colour bar, or None.
+
+    Raises:
+        ValueError: they are not finite, or the second is not above the first.
+    """
+    if limits is None:
+        return None
+    low, high = float(limits[0]), float(limits[1])
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        raise ValueError(f"limits must be two finite numbers, the lower first; got {limits}")
+    return low, high
 
 
 def checked_count(arrows: int) -> int:
@@ -125,20 +155,6 @@ def checked_at_least_one(name: str, value: int) -> int:
     if value < 1:
         raise ValueError(f"{name} must be at least 1; got {value}")
     return value
-
-
-def checked_fields(
-    vectors: Float[np.ndarray, "k V 3"], vertices: Float[np.ndarray, "V 3"]
-) -> Float[np.ndarray, "k V 3"]:
-    """The fields as one float64 array, each a finite vector for each vertex.
-
-    Raises:
-        ValueError: they are not, or there is none.
-    """
-    vectors = np.asarray(vectors, dtype=np.float64)
-    if vectors.ndim != 3 or len(vectors) == 0:
-        raise ValueError(f"vectors must be [k, V, 3], k ≥ 1; got {list(vectors.shape)}")
-    return np.stack([checked_vectors(field, vertices, f"vectors[{i}]") for i, field in enumerate(vectors)])
 
 
 def checked_texture(

@@ -7,8 +7,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..mesh import Attributes, write_mesh
 from ._checks import checked_mesh
-from ._colors import SPEED_MAP, mapped
-from ._displacement import color_limits
+from ._colors import ColorScale
 
 
 def save_colored_mesh(
@@ -41,5 +40,5 @@ def save_colored_mesh(
 
 
 def _shades(values: Float[np.ndarray, " n"], lowest: float) -> UInt8[np.ndarray, "n 3"]:
-    (_, span), _ = color_limits(values - lowest, signed=False)
-    return np.rint(255 * mapped(values, (lowest, lowest + span), SPEED_MAP)).astype(np.uint8)
+    above = values - lowest
+    return np.rint(255 * ColorScale.of(above)(above)).astype(np.uint8)

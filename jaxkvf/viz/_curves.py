@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ._colors import ARROW_COLOR, plain
-from ._photo import Surface
+from ._photo import PaintedMesh
 from ._tubes import tubes
 
 RADIUS = 0.0028
@@ -17,11 +17,11 @@ HEAD_SLOPE = 0.30
 """… and this times as thick at its base."""
 
 
-def curves_on(curves: Sequence[Float[np.ndarray, "_ 3"]]) -> list[Surface]:
-    """The curves as one surface, in coordinates of order one; those of no length are left out."""
+def curves_on(curves: Sequence[Float[np.ndarray, "_ 3"]]) -> list[PaintedMesh]:
+    """The curves as one mesh, in coordinates of order one; those of no length are left out."""
     headed = [_with_head(curve) for curve in curves if len(curve) > 1 and np.ptp(curve, axis=0).any()]
     vertices, faces = tubes([line for line, _ in headed], [radii for _, radii in headed])
-    return [Surface(vertices, faces, plain(len(vertices), ARROW_COLOR))] if len(faces) else []
+    return [PaintedMesh(vertices, faces, plain(len(vertices), ARROW_COLOR))] if len(faces) else []
 
 
 def _with_head(curve: Float[np.ndarray, "_ 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:

@@ -1,4 +1,4 @@
-"""Coloured surfaces, photographed by polyscope: the only file that draws in three dimensions."""
+"""Painted meshes, photographed by polyscope: the only file that draws in three dimensions."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ._camera import FIELD_OF_VIEW, Camera
 from ._material import SOFT, linear_light
+from ._scene import Texture
 from ._session import SAMPLES_PER_PIXEL_SIDE, polyscope
 
 
@@ -30,19 +31,7 @@ class Frame:
 
 
 @dataclasses.dataclass(frozen=True)
-class Texture:
-    """An image on a mesh, such as a pattern's: `Texture(*patterns.texture_coordinates(made), image)`."""
-
-    coordinates: Float[np.ndarray, "t 2"]
-    """In the image, 0…1, to the right and upwards."""
-    corners: Int[np.ndarray, "F 3"]
-    """Which of the coordinates each corner of each face has."""
-    image: Float[np.ndarray, "H W 3"] | UInt8[np.ndarray, "H W 3"]
-    """sRGB, 0…1, or bytes 0…255; the first row is the uppermost."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Surface:
+class PaintedMesh:
     """A triangle mesh with a colour (sRGB, 0 … 1) at each vertex, or a texture, in coordinates of order one."""
 
     vertices: Float[np.ndarray, "V 3"]
@@ -53,17 +42,15 @@ class Surface:
     texture: Texture | None = None
 
 
-def shown_points(scenes: Sequence[Sequence[Surface]]) -> Float[np.ndarray, "N 3"]:
-    """Every point that some face of some surface uses: what a camera for all the scenes must see."""
-    return np.concatenate(
-        [surface.vertices[np.unique(surface.faces)] for scene in scenes for surface in scene]
-    )
+def shown_points(pictures: Sequence[Sequence[PaintedMesh]]) -> Float[np.ndarray, "N 3"]:
+    """Every point that some face of some mesh uses: what a camera for all the pictures must see."""
+    return np.concatenate([mesh.vertices[np.unique(mesh.faces)] for picture in pictures for mesh in picture])
 
 
 def photograph(
-    surfaces: Sequence[Surface], camera: Camera, size: tuple[int, int]
+    meshes: Sequence[PaintedMesh], camera: Camera, size: tuple[int, int]
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The picture of some surfaces on white. Every setting that shows in it is set here, each time."""
+    """The picture of some meshes on white. Every setting that shows in it is set here, each time."""
     ps = polyscope()
     ps.remove_all_structures()
     try:
@@ -76,15 +63,15 @@ def photograph(
         ps.set_bounding_box((-0.5, -0.5, -0.5), (0.5, 0.5, 0.5))
         ps.set_view_projection_mode("perspective")
         ps.set_vertical_fov_degrees(FIELD_OF_VIEW)
-        for i, surface in enumerate(surfaces):
-            mesh = ps.register_surface_mesh(f"surface {i}", surface.vertices, surface.faces)
-            mesh.set_smooth_shade(surface.smooth)
-            mesh.set_material(surface.material)
-            mesh.set_back_face_policy("identical")
-            if surface.texture is None:
-                mesh.add_color_quantity("color", linear_light(surface.colors), enabled=True)
+        for i, mesh in enumerate(meshes):
+            shown = ps.register_surface_mesh(f"surface {i}", mesh.vertices, mesh.faces)
+            shown.set_smooth_shade(mesh.smooth)
+            shown.set_material(mesh.material)
+            shown.set_back_face_policy("identical")
+            if mesh.texture is None:
+                shown.add_color_quantity("color", linear_light(mesh.colors), enabled=True)
             else:
-                _lay_on(mesh, surface.texture)
+                _lay_on(shown, mesh.texture)
         ps.look_at_dir(camera.position, camera.target, camera.up)
         pixels = ps.screenshot_to_buffer(transparent_bg=False)[:, :, :3].copy()
     finally:

@@ -1,31 +1,42 @@
-"""A mesh and what is shown on it, and how a series of them is drawn: one camera, one scale."""
+"""A mesh and what is shown on it."""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Integer, UInt8
+from jaxtyping import Float, Int, Integer, UInt8
 
-from ._arrows import arrows_at
-from ._camera import View, fit_camera
 from ._checks import (
+    checked_angle,
     checked_colors,
     checked_count,
+    checked_limits,
     checked_mesh,
     checked_positions,
     checked_texture,
+    checked_values,
     checked_vectors,
 )
-from ._colors import SPEED_MAP, mapped, plain
-from ._curves import curves_on
-from ._material import SOFT, STRONG
-from ._photo import Frame, Surface, Texture, photograph, shown_points
-from ._samples import spread_evenly
+
+
+@dataclasses.dataclass(frozen=True)
+class Texture:
+    """An image on a mesh, such as a pattern's: `Texture(*patterns.texture_coordinates(made), patterns.texture(image))`."""
+
+    coordinates: Float[np.ndarray, "t 2"]
+    """In the image, 0…1, to the right and upwards."""
+    corners: Int[np.ndarray, "F 3"]
+    """Which of the coordinates each corner of each face has."""
+    image: Float[np.ndarray, "H W 3"] | UInt8[np.ndarray, "H W 3"]
+    """sRGB, 0…1, or bytes 0…255; the first row is the uppermost."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """A mesh and what is shown on it: one panel of `render_series`."""
+    """A surface and what is shown on it: colours, arrows, curves, an image. `render` draws one, or several side by side.
+
+    `Scene(x, faces)` is a bare mesh, grey; `Scene(x, faces, "λ₀·area = 1e-7", vectors=u)` a field with its caption.
+    """
 
     vertices: Float[np.ndarray, "V 3"]
     """Positions, of any size and place."""
@@ -34,81 +45,48 @@ class Scene:
     title: str = ""
     """A short caption; mathematics between $ signs is typeset."""
     vectors: Float[np.ndarray, "V 3"] | None = None
-    """A field, pointwise, in space: its norm is the colour, dark at 0 and yellow at the largest."""
-    arrows: int = 0
-    """How many arrows of the field at most; never more than vertices."""
+    """A field, pointwise, in space; its unit does not matter. Its norm, of a Killing field the speed of its flow, is the
+    colour, dark at 0 and yellow at the largest, and the length of its arrows."""
+    arrows: int | None = None
+    """How many arrows of the field at most, spread evenly over all sides of the surface, never more than vertices. By
+    default as many as can be told apart at the picture's size; where curves are shown, none."""
     curves: Sequence[Float[np.ndarray, "_ 3"]] = ()
-    """Polylines on the surface, drawn as dark lines with a head where they end."""
+    """Polylines on the surface, such as `integral_curves(…).polylines()`: dark lines with a head where they end."""
+    values: Float[np.ndarray, " V"] | None = None
+    """Numbers whose colours are shown instead of the norm's."""
+    signed: bool = False
+    """Whether values lie about 0: blue below, red above, white at 0. Otherwise from 0, dark, to the largest, yellow."""
+    limits: tuple[float, float] | None = None
+    """Values of the first and the last colour. By default 0 or −m to m, with m the largest size of a value that is shown; of
+    `values` the uppermost half per cent is left out, and shown in the last colour."""
+    color_bar: str = ""
+    """What the colours mean, with the unit: a colour bar with this label stands to the right of the mesh. None without."""
     colors: Float[np.ndarray, "V 3"] | None = None
-    """sRGB, 0…1, instead of the norm's colours; a mesh with neither is grey."""
+    """sRGB, 0…1, instead of colours of numbers."""
     texture: Texture | None = None
     """An image instead of colours at the vertices."""
+    crease_angle: float = 40.0
+    """Faces whose normals differ by more degrees meet in an edge that is seen; 0 shows every facet, 180 none."""
 
+    def checked(self) -> "Scene":
+        """The scene in float64 and int64.
 
-def pictures_of(
-    scenes: Sequence[Scene],
-    *,
-    size: tuple[int, int],
-    view: View | None,
-    smooth: bool = True,
-    same_scale: bool = True,
-) -> list[UInt8[np.ndarray, "H W 3"]]:
-    """A picture of each scene: one camera and one scale, or each as large as fits from the same direction.
-
-    Raises:
-        ValueError: there is no scene, or one cannot be drawn.
-    """
-    if not scenes:
-        raise ValueError("there is no scene to draw")
-    scenes = [_checked(scene) for scene in scenes]
-    used = [scene.vertices[np.unique(scene.faces)] for scene in scenes]
-    together = Frame.around(np.concatenate(used))
-    frames = [together if same_scale else Frame.around(points) for points in used]
-    groups = [range(len(scenes))] if same_scale else [[i] for i in range(len(scenes))]
-    pictures: list[UInt8[np.ndarray, "H W 3"]] = []
-    for group in groups:
-        eye = fit_camera(np.concatenate([frames[i](used[i]) for i in group]), size, view).position
-        drawn = [_surfaces(scenes[i], frames[i], eye, smooth) for i in group]
-        camera = fit_camera(shown_points(drawn), size, view)
-        pictures += [photograph(surfaces, camera, size) for surfaces in drawn]
-    return pictures
-
-
-def _surfaces(scene: Scene, frame: Frame, eye: Float[np.ndarray, "3"], smooth: bool) -> list[Surface]:
-    placed, faces, vectors = frame(scene.vertices), scene.faces, scene.vectors
-    colors, material = scene.colors, SOFT
-    if colors is None and vectors is not None:
-        speeds = np.linalg.norm(vectors, axis=1)
-        colors = mapped(speeds, (0.0, float(speeds[np.unique(faces)].max())), SPEED_MAP)
-    elif colors is None:
-        colors = plain(len(placed))
-        material = STRONG if scene.texture is None and not scene.curves else SOFT
-    drawn = [Surface(placed, faces, colors, smooth, material, scene.texture)]
-    if vectors is not None and scene.arrows:
-        samples = spread_evenly(placed, faces, min(scene.arrows, len(np.unique(faces))))
-        drawn += arrows_at(samples, placed, faces, vectors, eye=eye)
-    return drawn + curves_on([frame(curve) for curve in scene.curves])
-
-
-def _checked(scene: Scene) -> Scene:
-    """The scene in float64 and int64.
-
-    Raises:
-        ValueError: something in it cannot be drawn.
-    """
-    vertices, faces = checked_mesh(scene.vertices, scene.faces)
-    texture = scene.texture
-    return dataclasses.replace(
-        scene,
-        vertices=vertices,
-        faces=faces,
-        vectors=None if scene.vectors is None else checked_vectors(scene.vectors, vertices),
-        colors=None if scene.colors is None else checked_colors(scene.colors, vertices),
-        arrows=checked_count(scene.arrows),
-        texture=None if texture is None else _checked_texture(texture, faces),
-        curves=[checked_positions(curve, f"curves[{i}]") for i, curve in enumerate(scene.curves)],
-    )
-
-
-def _checked_texture(texture: Texture, faces: Integer[np.ndarray, "F 3"]) -> Texture:
-    return Texture(*checked_texture(texture.coordinates, texture.corners, texture.image, faces))
+        Raises:
+            ValueError: something in it cannot be drawn.
+        """
+        vertices, faces = checked_mesh(self.vertices, self.faces)
+        given = self.texture
+        texture = given and Texture(*checked_texture(given.coordinates, given.corners, given.image, faces))
+        return dataclasses.replace(
+            self,
+            vertices=vertices,
+            faces=faces,
+            vectors=None if self.vectors is None else checked_vectors(self.vectors, vertices),
+            values=None if self.values is None else checked_values(self.values, vertices),
+            limits=checked_limits(self.limits),
+            colors=None if self.colors is None else checked_colors(self.colors, vertices),
+            arrows=None if self.arrows is None else checked_count(self.arrows),
+            texture=texture,
+            curves=[checked_positions(curve, f"curves[{i}]") for i, curve in enumerate(self.curves)],
+            crease_angle=checked_angle(self.crease_angle),
+        )

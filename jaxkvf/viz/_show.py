@@ -31,10 +31,10 @@ class Picture:
 
 
 def show(draw: Callable[..., None], *arguments: Any, **options: Any) -> Picture:
-    """What `draw(path, …)` writes, to be displayed: `show(render_field, x, f, u)` instead of `render_field(path, x, f, u)`.
+    """What `draw(path, …)` writes, to be displayed: `show(render, scene)` instead of `render(path, scene)`.
 
     Args:
-        draw: a `render_…` or `plot_…` function.
+        draw: `render`, or a `plot_…` function.
         arguments, options: of it, the path left out.
 
     Raises:

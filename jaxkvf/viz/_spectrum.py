@@ -10,7 +10,7 @@ from jaxtyping import Float
 from ..files import write_whole
 from ._axes import KNOWN, MARKERS, SERIES_COLORS, bare_axes, legend, logarithmic
 from ._checks import checked_series, checked_size, png_path
-from ._page import png_of_figure
+from ._figure import png_of_figure
 
 
 def plot_spectrum(

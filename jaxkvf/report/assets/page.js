@@ -70,7 +70,7 @@ function makeStage() {
   const frame = { center: low.clone().add(high).multiplyScalar(0.5), scale: 2 / high.distanceTo(low) };
   const faces = decoded(data.faces, Uint32Array);
   try {
-    return new Stage($("view"), data.surfaces.map((told) => new Surface(told, faces, frame)), data.up);
+    return new Stage($("view"), data.surfaces.map((told) => new ShownMesh(told, faces, frame)), data.up);
   } catch (failure) {
     console.warn(failure.message);
     $("apology").hidden = false;

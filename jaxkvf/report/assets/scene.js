@@ -12,7 +12,7 @@ const SECONDS = 9; // that a period takes on the screen
 const ARROW = { reach: 1.35, lift: 0.07, shaft: 0.026, head: 0.075, headLength: 0.28, headShare: 0.45, floor: 0.015 };
 
 /** One surface in a scene of its own; what is drawn of a field is made when it is first looked at. */
-class Surface {
+class ShownMesh {
   constructor(told, faces, frame) {
     this.told = told;
     this.faces = faces;
