@@ -145,7 +145,7 @@ def page(path: Path) -> str:
     done = jaxkvf.symmetrize(mesh)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "vase.html"
-        report.write_report(file, mesh, symmetrized=done.mesh, title="A noisy vase", up="z")
+        report.write_report(file, mesh, symmetrized=done.mesh, title="A noisy vase")
         size = file.stat().st_size
         command = (
             "chromium --headless --no-sandbox --disable-gpu --use-angle=swiftshader --enable-unsafe-swiftshader "

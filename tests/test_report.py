@@ -93,7 +93,7 @@ def test_what_cannot_be_done_says_why(tmp_path, monkeypatch, capsys):
     with pytest.raises(ValueError, match="same mesh"):
         write_report(tmp_path / "page.html", mesh, symmetrized=shapes.icosphere(3))
     with pytest.raises(ValueError, match="up must be"):
-        write_report(tmp_path / "page.html", mesh, up="x")
+        write_report(tmp_path / "page.html", mesh, up="w")
     for arguments, message in (
         (["nowhere.obj", "-o", "page.html"], "nowhere.obj"),
         ([str(file), "-o", "no/such/page.html"], "the folder"),
@@ -231,7 +231,7 @@ def test_in_a_browser(report_file, browser):
         ("draw", "nothing"),
         ("color", "strain"),
         ("color", "displacement"),
-        ("up", "z"),
+        ("up", "x"),
     ):
         choose(browser, control, value)
         changed(0.005)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..fields import killing_fields
+from ..fields import KillingFields, killing_fields
 from ..files import write_whole
 from ..flows import Period, integral_curves, isometry_error, period, vertex_points
 from ..geometry import edge_lengths, mean_edge_length
@@ -25,7 +25,7 @@ from ..patterns import (
     texture,
     texture_coordinates,
 )
-from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
+from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, upright, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -112,21 +112,21 @@ def _finite(text: str) -> float:
     return number
 
 
-def _solved(options: argparse.Namespace, console: "Console") -> tuple[TriangleMesh, Any]:
-    """The mesh and the field that was asked for."""
+def _solved(options: argparse.Namespace, console: "Console") -> tuple[TriangleMesh, KillingFields, Any]:
+    """The mesh, its fields, and the one that was asked for."""
     with console.status("reading"):
         mesh = TriangleMesh.load(options.mesh)
     with console.status(f"solving for field {options.field} on {mesh.topology.n_vertices} vertices"):
         found = killing_fields(mesh, options.field + 1)
     value = float(found.dimensionless[options.field])
     console.print(f"{options.mesh.name}: {size_of(mesh)}; field {options.field}: λ·area = {value:.6g}")
-    return mesh, found.vectors[options.field]
+    return mesh, found, found.vectors[options.field]
 
 
 def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     """Follows a Killing field: its period, its integral curves, and how nearly its flow keeps lengths."""
     check_writable(options.output, options.picture)
-    mesh, vectors = _solved(options, console)
+    mesh, fields, vectors = _solved(options, console)
     with console.status("looking for the period"):
         found, why = _period(mesh, vectors)
     if found is None:
@@ -166,7 +166,8 @@ def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         from ..viz import Scene, render  # noqa: PLC0415
 
         x, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-        render(path, Scene(x, faces, vectors=np.asarray(vectors), curves=curves.polylines()))
+        scene = Scene(x, faces, vectors=np.asarray(vectors), curves=curves.polylines())
+        render(path, scene, view=upright(options, mesh, fields))
 
     drawn = draw_picture(draw, options.picture or Path(f"{options.mesh.stem}-flow.png"), options, console)
     return {
@@ -204,7 +205,7 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     if options.stripes is not None and output.suffix.lower() != ".ply":
         raise ValueError(f"stripes are colours at vertices: write them to a .ply, not {output.suffix}")
     image = _rings() if options.image is None else read_image(options.image)
-    mesh, vectors = _solved(options, console)
+    mesh, fields, vectors = _solved(options, console)
     found = period(mesh, vectors)
     report: dict[str, Any] = {"mesh": str(options.mesh), "output": str(output), "period": found.time}
     made = None
@@ -249,7 +250,8 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
 
         x, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
         on_it = None if made is None else Texture(*texture_coordinates(made), texture(image))
-        render(path, Scene(x, faces, colors=colors, texture=on_it))
+        scene = Scene(x, faces, colors=colors, texture=on_it)
+        render(path, scene, view=upright(options, mesh, fields))
 
     picture = options.picture or output.with_name(f"{output.stem}-pattern.png")
     return report | {"picture": draw_picture(draw, picture, options, console)}

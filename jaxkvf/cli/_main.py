@@ -24,7 +24,16 @@ from ..symmetrization import OUTCOMES, Step, SymmetryReport, symmetrize, symmetr
 from ._flow import add_flow_commands
 from ._mesh import add_mesh_commands
 from ._report import add_report_command
-from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, with_suffix
+from ._terminal import (
+    READABLE,
+    add_up_option,
+    check_writable,
+    draw_picture,
+    positive,
+    size_of,
+    upright,
+    with_suffix,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -109,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     add_report_command(commands)
     for command in (fields, symmetrize, *add_flow_commands(commands)):
         command.add_argument("--json", action="store_true", help="print the result as JSON")
+        add_up_option(command)
         picture = command.add_mutually_exclusive_group()
         picture.add_argument(
             "--picture", type=with_suffix(".png"), metavar="PNG", help="where to put the picture"
@@ -146,7 +156,7 @@ def _fields(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
             Scene(vertices, faces, f"λ·area = {value:.3g}", vectors=field)
             for value, field in zip(np.asarray(found.dimensionless)[:4], vectors[:4], strict=True)
         ]
-        render(path, scenes, size=(480 * len(scenes), 540))
+        render(path, scenes, size=(480 * len(scenes), 540), view=upright(options, mesh, found))
 
     picture = options.picture or Path(f"{options.mesh.stem}-fields.png")
     drawn = draw_picture(draw, picture, options, console)
@@ -204,7 +214,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
         console.print(f"wrote {options.changes}")
 
     def draw(path: Path) -> None:
-        from ..viz import Z_UP, Scene, render  # noqa: PLC0415
+        from ..viz import Scene, render  # noqa: PLC0415
 
         unit = float(mean_edge_length(edge_lengths(mesh.vertices, mesh.topology)))
         (x0, faces, field0), (x1, _, field1) = _arrays(mesh, before), _arrays(result, after)
@@ -225,7 +235,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
                 color_bar="normal displacement / mean edge length",
             ),
         ]
-        render(path, scenes, size=(1600, 800), view=Z_UP if options.mesh is None else None)
+        render(path, scenes, size=(1600, 800), view=upright(options, result, after))
 
     drawn = draw_picture(draw, options.picture or options.output.with_suffix(".png"), options, console)
     return {

@@ -10,7 +10,7 @@ from ..files import check_can_be_written
 from ..mesh import TriangleMesh
 from ..report import Contents, write_report
 from ..symmetrization import OUTCOMES, Step, symmetrize
-from ._terminal import READABLE, positive, size_of, with_suffix
+from ._terminal import READABLE, add_up_option, positive, size_of, with_suffix
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,7 +25,7 @@ def add_report_command(commands: Any) -> None:
     )
     report.add_argument("-k", type=positive, default=6, help="number of fields (default: 6)")
     report.add_argument("--discretization", choices=("regge", "regge-delaunay", "dec"), default="regge")
-    report.add_argument("--up", choices=("y", "z"), default="y", help="axis that is up (default: y)")
+    add_up_option(report)
     report.add_argument("--symmetrize", action="store_true", help="show the symmetrized mesh beside it")
     report.add_argument(
         "--count", type=positive, default=1, help="number of symmetries to make exact (default: 1)"

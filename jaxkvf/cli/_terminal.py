@@ -5,11 +5,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..fields import KillingFields
 from ..files import check_can_be_written
 from ..mesh import TriangleMesh
+from ..report import symmetry_axis
 
 if TYPE_CHECKING:
     from rich.console import Console
+
+    from ..viz import View
 
 READABLE = ".obj, .ply, .off or .stl"
 
@@ -28,6 +32,24 @@ def with_suffix(*suffixes: str) -> Callable[[str], Path]:
         return Path(text)
 
     return path
+
+
+def add_up_option(command: argparse.ArgumentParser) -> None:
+    """Declares `--up` of the commands that draw."""
+    command.add_argument(
+        "--up",
+        choices=("auto", "x", "y", "z"),
+        default="auto",
+        help="what is up in the picture (default: the axis of symmetry; y where there is none)",
+    )
+
+
+def upright(options: argparse.Namespace, mesh: TriangleMesh, fields: KillingFields) -> "View":
+    """The view that `--up` asks for."""
+    from ..viz import X_UP, Y_UP, Z_UP, view_upright  # noqa: PLC0415
+
+    axis = symmetry_axis(mesh, fields) if options.up == "auto" else None
+    return {"x": X_UP, "y": Y_UP, "z": Z_UP}.get(options.up, Y_UP) if axis is None else view_upright(axis)
 
 
 def check_writable(*paths: Path | None) -> None:

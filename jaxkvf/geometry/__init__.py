@@ -24,6 +24,8 @@ from ._metric import edge_lengths as edge_lengths
 from ._metric import face_areas as face_areas
 from ._metric import mean_edge_length as mean_edge_length
 from ._metric import surface_area as surface_area
+from ._rigid_motion import RigidMotion as RigidMotion
+from ._rigid_motion import closest_rigid_motion as closest_rigid_motion
 from ._sampling import Samples as Samples
 from ._sampling import spread_evenly as spread_evenly
 from ._tangent import edge_angles as edge_angles

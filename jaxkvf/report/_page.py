@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from ..fields import EXACT
-from ..geometry import edge_lengths, mean_edge_length, spread_evenly
+from ..geometry import edge_lengths, mean_edge_length, split_at_creases, spread_evenly
 from ..mesh import TriangleMesh
-from ..viz import SPEED_MAP, color_map
+from ..viz import CREASE_ANGLE, SPEED_MAP, X_UP, Y_UP, Z_UP, color_map, view_upright
+from ._axis import symmetry_axis
 from ._contents import Contents, FlowLines
 
 _ARROWS = 300
@@ -44,12 +45,19 @@ def page(told: tuple[Contents, ...], library: str, *, title: str, up: str) -> st
         told: the surface, and perhaps another one of the same connectivity.
         library: three.js.
         title: plain text.
-        up: `"y"` or `"z"`.
+        up: `"x"`, `"y"`, `"z"`; or `"auto"`, the last surface's axis, and y without one.
     """
     first, others = told[0], told[1:]
     names = ("original", "symmetrized") if others else ("",)
+    views = {"x": X_UP, "y": Y_UP, "z": Z_UP}
+    axis = symmetry_axis(told[-1].mesh, told[-1].fields)
+    if axis is not None:
+        views = {"axis": view_upright(axis)} | views
+    if up == "auto":
+        up = "y" if axis is None else "axis"
     data = {
         "up": up,
+        "views": {name: np.array(view).tolist() for name, view in views.items()},
         "faces": _encoded(np.asarray(first.mesh.faces), np.uint32),
         "exact": EXACT,
         "colors": _encoded(255 * color_map(SPEED_MAP)(np.linspace(0, 1, 256))[:, :3], np.uint8),
@@ -75,12 +83,14 @@ def _shown(told: Contents, name: str) -> dict[str, Any]:
     mesh, fields, topology = told.mesh, told.fields, told.mesh.topology
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     used = x[np.unique(faces)]
+    drawn, copied = split_at_creases(x, faces, CREASE_ANGLE)
     arrows = spread_evenly(x, faces, min(_ARROWS, len(used)))
     low, high = used.min(axis=0), used.max(axis=0)
     root = np.sqrt(float(fields.area))
     return {
         "name": name,
         "vertices": _encoded(x, np.float32),
+        "drawn": {"faces": _encoded(drawn, np.uint32), "copied": _encoded(copied[len(x) :], np.uint32)},
         "low": low.tolist(),
         "high": high.tolist(),
         "arrows": {

@@ -21,7 +21,7 @@ def write_report(
     symmetrized: TriangleMesh | None = None,
     discretization: str | AbstractDiscretization = "regge",
     title: str | None = None,
-    up: str = "y",
+    up: str = "auto",
     callback: Callable[[str], object] | None = None,
 ) -> tuple[Contents, ...]:
     """Writes one HTML page that works from disk and without a network: the mesh in 3-D, its fields, flow lines, spectrum.
@@ -35,7 +35,8 @@ def write_report(
         symmetrized: a mesh of the same connectivity to show beside it.
         discretization: as for `killing_fields`.
         title: of the page; by default the name of the file.
-        up: the axis that is up in the picture at first, `"y"` or `"z"`.
+        up: what is up in the picture at first: `"x"`, `"y"`, `"z"`, or `"auto"`, the axis of symmetry (see `symmetry_axis`),
+            and y without one.
         callback: called with what is done next, in words.
 
     Returns:
@@ -50,8 +51,8 @@ def write_report(
     file = Path(path)
     if file.suffix.lower() != ".html":
         raise ValueError(f"{file}: reports are written as .html, not {file.suffix!r}")
-    if up not in {"y", "z"}:
-        raise ValueError(f"up must be 'y' or 'z', got {up!r}")
+    if up not in {"auto", "x", "y", "z"}:
+        raise ValueError(f"up must be 'auto', 'x', 'y' or 'z', got {up!r}")
     check_can_be_written(file)
     if symmetrized is not None and not np.array_equal(symmetrized.faces, mesh.faces):
         raise ValueError("symmetrized must have the faces of mesh: it is the same mesh, its vertices moved")

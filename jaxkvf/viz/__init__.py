@@ -18,6 +18,7 @@ from ._colored_mesh import save_colored_mesh as save_colored_mesh
 from ._colors import SPEED_MAP as SPEED_MAP
 from ._colors import color_map as color_map
 from ._render import render as render
+from ._scene import CREASE_ANGLE as CREASE_ANGLE
 from ._scene import Scene as Scene
 from ._scene import Texture as Texture
 from ._show import Picture as Picture

@@ -18,6 +18,9 @@ from ._checks import (
     checked_vectors,
 )
 
+CREASE_ANGLE = 40.0
+"""Degrees between the normals of faces from which on their edge is drawn as one."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Texture:
@@ -65,7 +68,7 @@ class Scene:
     """sRGB, 0…1, instead of colours of numbers."""
     texture: Texture | None = None
     """An image instead of colours at the vertices."""
-    crease_angle: float = 40.0
+    crease_angle: float = CREASE_ANGLE
     """Faces whose normals differ by more degrees meet in an edge that is seen; 0 shows every facet, 180 none."""
 
     def checked(self) -> "Scene":

@@ -70,7 +70,7 @@ function makeStage() {
   const frame = { center: low.clone().add(high).multiplyScalar(0.5), scale: 2 / high.distanceTo(low) };
   const faces = decoded(data.faces, Uint32Array);
   try {
-    return new Stage($("view"), data.surfaces.map((told) => new ShownMesh(told, faces, frame)), data.up);
+    return new Stage($("view"), data.surfaces.map((told) => new ShownMesh(told, faces, frame)), data.views[data.up]);
   } catch (failure) {
     console.warn(failure.message);
     $("apology").hidden = false;
@@ -78,6 +78,7 @@ function makeStage() {
   }
 }
 
+Object.keys(data.views).forEach((name) => option($("up"), name, name));
 $("up").value = data.up;
 const stage = makeStage();
 
@@ -135,8 +136,8 @@ describe();
 tabulate(choose);
 drawSpectrum($("spectrum"), data.surfaces, choose);
 ["field", "color", "draw", "edges"].forEach((id) => $(id).addEventListener("change", update));
-$("up").addEventListener("change", () => stage?.lookFrom($("up").value));
-$("home").addEventListener("click", () => stage?.lookFrom($("up").value));
+$("up").addEventListener("change", () => stage?.lookFrom(data.views[$("up").value]));
+$("home").addEventListener("click", () => stage?.lookFrom(data.views[$("up").value]));
 document.addEventListener("keydown", (event) => {
   const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
   if (step && !/^(SELECT|INPUT)$/.test(event.target.tagName)) choose(Number($("field").value) + step);

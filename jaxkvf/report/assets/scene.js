@@ -30,12 +30,17 @@ class ShownMesh {
     this.makeArrows();
   }
 
+  /** Drawn with a copy of each vertex for each smooth part around it, so that creases are seen. */
   makeMesh() {
+    const copied = decoded(this.told.drawn.copied, Uint32Array);
+    const given = this.positions.length / 3;
+    this.origins = Uint32Array.from({ length: given + copied.length }, (_, i) => (i < given ? i : copied[i - given]));
+    const positions = Float32Array.from({ length: 3 * this.origins.length }, (_, i) => this.positions[3 * this.origins[(i / 3) | 0] + (i % 3)]);
     const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(this.positions, 3));
-    geometry.setIndex(new THREE.BufferAttribute(this.faces, 1));
+    geometry.setAttribute("position", new THREE.BufferAttribute(positions, 3));
+    geometry.setIndex(new THREE.BufferAttribute(decoded(this.told.drawn.faces, Uint32Array), 1));
     geometry.computeVertexNormals();
-    this.colors = new THREE.BufferAttribute(new Float32Array(this.positions.length), 3);
+    this.colors = new THREE.BufferAttribute(new Float32Array(positions.length), 3);
     geometry.setAttribute("color", this.colors);
     const offset = { polygonOffset: true, polygonOffsetFactor: 1, polygonOffsetUnits: 1 };
     const material = new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.8, side: THREE.DoubleSide, ...offset });
@@ -59,8 +64,8 @@ class ShownMesh {
 
   /** Colours the vertices by values from 0 to most. */
   paint(values, most, map) {
-    values.forEach((value, i) => {
-      const entry = 3 * Math.max(0, Math.min(255, Math.round((255 * value) / (most || 1))));
+    this.origins.forEach((origin, i) => {
+      const entry = 3 * Math.max(0, Math.min(255, Math.round((255 * values[origin]) / (most || 1))));
       for (let c = 0; c < 3; c++) this.colors.array[3 * i + c] = map[entry + c] / 255;
     });
     this.colors.needsUpdate = true;
@@ -151,7 +156,7 @@ class ShownMesh {
 
 /** The canvas: surfaces side by side, seen by one camera that the pointer moves. */
 class Stage {
-  constructor(canvas, surfaces, up) {
+  constructor(canvas, surfaces, view) {
     this.canvas = canvas;
     this.surfaces = surfaces;
     this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true });
@@ -164,14 +169,12 @@ class Stage {
     this.camera.add(light);
     this.light = light;
     this.stale = true;
-    this.lookFrom(up);
+    this.lookFrom(view);
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
   }
 
-  lookFrom(up) {
-    this.up = up;
-    const direction = up === "y" ? [0.65, 0.45, 1] : [0.65, -1, 0.45];
-    this.camera.up.set(0, up === "y" ? 1 : 0, up === "z" ? 1 : 0);
+  lookFrom([direction, up]) {
+    this.camera.up.set(...up);
     this.camera.position.set(...direction);
     this.moved = false;
     this.controls?.dispose();
