@@ -1,14 +1,13 @@
 """Patterns as files that ordinary viewers open: textured GLB and OBJ, vertex-coloured PLY."""
 
-import importlib
 import io
 import os
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
+from ..extras import extra
 from ..files import check_can_be_written, write_whole
 from ..geometry import vertex_normals
 from ..mesh import Attributes, TriangleMesh, write_mesh
@@ -102,14 +101,14 @@ def _glb(
     mesh: TriangleMesh, uv: Float[np.ndarray, "t 2"], corners: Int[np.ndarray, "G 3"], pixels: np.ndarray
 ) -> bytes:
     """By trimesh: vertices split where texture coordinates differ."""
-    trimesh, visual = _extra("trimesh"), _extra("trimesh.visual")
+    trimesh, visual = extra("trimesh"), extra("trimesh.visual")
     faces = np.asarray(mesh.faces)
     pairs, position = np.unique(
         np.stack([faces.ravel(), corners.ravel()], axis=1), axis=0, return_inverse=True
     )
     normals = np.asarray(vertex_normals(mesh.vertices, mesh.topology))
     material = visual.material.PBRMaterial(
-        baseColorTexture=_extra("PIL.Image").fromarray(pixels), metallicFactor=0.0, roughnessFactor=0.8
+        baseColorTexture=extra("PIL.Image").fromarray(pixels), metallicFactor=0.0, roughnessFactor=0.8
     )
     split = trimesh.Trimesh(
         np.asarray(mesh.vertices, np.float64)[pairs[:, 0]],
@@ -141,7 +140,7 @@ def _material(name: str, image: str) -> bytes:
 
 def _png(pixels: np.ndarray) -> bytes:
     file = io.BytesIO()
-    _extra("PIL.Image").fromarray(pixels).save(file, format="PNG")
+    extra("PIL.Image").fromarray(pixels).save(file, format="PNG")
     return file.getvalue()
 
 
@@ -151,14 +150,5 @@ def read_image(path: str | os.PathLike[str]) -> Float[np.ndarray, "H w 3"]:
     Raises:
         OSError: the file cannot be read, or is no image.
     """
-    with _extra("PIL.Image").open(path) as image:
+    with extra("PIL.Image").open(path) as image:
         return np.asarray(image.convert("RGB"), float) / 255
-
-
-def _extra(module: str) -> ModuleType:
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        raise ImportError(
-            f'textured files need {module}: pip install "jaxkvf[patterns]" ({error})'
-        ) from error

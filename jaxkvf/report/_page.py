@@ -2,7 +2,6 @@
 
 import base64
 import html
-import importlib
 import importlib.resources
 import json
 import re
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Num
 
+from ..extras import extra
 from ..fields import EXACT
 from ..geometry import edge_lengths, mean_edge_length, split_at_creases, spread_evenly
 from ..mesh import TriangleMesh
@@ -29,12 +29,7 @@ def three_js() -> str:
     Raises:
         ImportError: it is not installed; the message says what to do.
     """
-    try:
-        package = importlib.import_module("jupyter_threejs_sage")
-    except ImportError as error:
-        raise ImportError(
-            f'reports need jupyter-threejs-sage: pip install "jaxkvf[report]" ({error})'
-        ) from error
+    package = extra("jupyter_threejs_sage")
     return (importlib.resources.files(package) / "static/r130/three.min.js").read_text(encoding="utf-8")
 
 

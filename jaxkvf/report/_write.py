@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..arguments import checked_choice
 from ..files import check_can_be_written, write_whole
 from ..killing import AbstractDiscretization
 from ..mesh import TriangleMesh
@@ -51,8 +52,7 @@ def write_report(
     file = Path(path)
     if file.suffix.lower() != ".html":
         raise ValueError(f"{file}: reports are written as .html, not {file.suffix!r}")
-    if up not in {"auto", "x", "y", "z"}:
-        raise ValueError(f"up must be 'auto', 'x', 'y' or 'z', got {up!r}")
+    checked_choice("up", up, ("auto", "x", "y", "z"))
     check_can_be_written(file)
     if symmetrized is not None and not np.array_equal(symmetrized.faces, mesh.faces):
         raise ValueError("symmetrized must have the faces of mesh: it is the same mesh, its vertices moved")

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Integer
 
+from ..extras import extra
 from ._checks import checked_mesh, checked_point_data
-from ._extras import extra
 
 
 def to_pyvista(

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ._extras import extra
+from ..extras import extra
 from ._figure import INK
 
 SERIES_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")

@@ -135,28 +135,6 @@ def checked_limits(limits: tuple[float, float] | None) -> tuple[float, float] | 
     return low, high
 
 
-def checked_count(arrows: int) -> int:
-    """How many arrows to draw.
-
-    Raises:
-        ValueError: fewer than none, or more than 20,000: far past what a picture can show.
-    """
-    if not 0 <= arrows <= 20_000:
-        raise ValueError(f"arrows must be within 0 … 20000; got {arrows}")
-    return arrows
-
-
-def checked_at_least_one(name: str, value: int) -> int:
-    """A count.
-
-    Raises:
-        ValueError: it is below 1.
-    """
-    if value < 1:
-        raise ValueError(f"{name} must be at least 1; got {value}")
-    return value
-
-
 def checked_texture(
     coordinates: Float[np.ndarray, "t 2"],
     corners: Integer[np.ndarray, "G 3"],

@@ -5,8 +5,8 @@ import math
 import textwrap
 from typing import Any
 
+from ..extras import extra
 from ._colors import ColorScale, color_map
-from ._extras import extra
 from ._figure import DPI, INK, measured
 
 LEAST = 6

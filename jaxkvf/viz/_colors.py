@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ._extras import extra
+from ..extras import extra
 
 ARROW_COLOR = (0.10, 0.10, 0.13)
 SURFACE_COLOR = (0.86, 0.85, 0.83)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ._extras import extra
+from ..extras import extra
 
 DPI = 100
 INK = "#26262b"

@@ -12,7 +12,7 @@ from types import ModuleType
 import numpy as np
 from jaxtyping import Float
 
-from ._extras import extra
+from ..extras import extra
 
 SOFT, STRONG = "jaxkvf soft", "jaxkvf strong"
 """Materials for surfaces whose colour is to be read, and for plain ones whose shape is."""

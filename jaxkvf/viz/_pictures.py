@@ -13,7 +13,7 @@ from ._colors import ColorScale, plain
 from ._curves import curves_on
 from ._material import SOFT, STRONG
 from ._photo import Frame, PaintedMesh, photograph, shown_points
-from ._scene import Scene
+from ._scene import MOST_ARROWS, Scene
 
 ARROW_SPACING = 0.075
 """Distance between arrows by default, in the shorter side of the picture, …"""
@@ -85,4 +85,4 @@ def _count(
     pixels = size[1] / (2 * math.tan(math.radians(FIELD_OF_VIEW) / 2) * float(np.linalg.norm(eye)))
     a, b, c = np.moveaxis(placed[scene.faces], 1, 0)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
-    return min(round(area * (pixels / max(ARROW_PIXELS, ARROW_SPACING * min(size))) ** 2), 20_000)
+    return min(round(area * (pixels / max(ARROW_PIXELS, ARROW_SPACING * min(size))) ** 2), MOST_ARROWS)

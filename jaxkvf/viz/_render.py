@@ -3,9 +3,10 @@
 import os
 from collections.abc import Sequence
 
+from ..arguments import checked_integer
 from ..files import write_whole
 from ._camera import View
-from ._checks import checked_at_least_one, checked_size, png_path
+from ._checks import checked_size, png_path
 from ._color_bar import ColorBar, bar_width
 from ._page import Panel, png_of_page, text_height
 from ._pictures import color_scale, pictures_of
@@ -45,7 +46,7 @@ def render(
     shown = [scene.checked() for scene in ([scenes] if isinstance(scenes, Scene) else scenes)]
     if not shown:
         raise ValueError("there is no scene to draw")
-    columns = len(shown) if columns is None else checked_at_least_one("columns", columns)
+    columns = len(shown) if columns is None else checked_integer("columns", columns)
     rows = -(-len(shown) // columns)
     whole = ALONE if len(shown) == 1 else (PANEL[0] * columns, PANEL[1] * rows)
     width, height = checked_size(whole if size is None else size)

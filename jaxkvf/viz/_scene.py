@@ -6,10 +6,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float, Int, Integer, UInt8
 
+from ..arguments import checked_integer
 from ._checks import (
     checked_angle,
     checked_colors,
-    checked_count,
     checked_limits,
     checked_mesh,
     checked_positions,
@@ -18,6 +18,8 @@ from ._checks import (
     checked_vectors,
 )
 
+MOST_ARROWS = 20_000
+"""Far more than a picture can show."""
 CREASE_ANGLE = 40.0
 """Degrees between the normals of faces from which on their edge is drawn as one."""
 
@@ -88,7 +90,7 @@ class Scene:
             values=None if self.values is None else checked_values(self.values, vertices),
             limits=checked_limits(self.limits),
             colors=None if self.colors is None else checked_colors(self.colors, vertices),
-            arrows=None if self.arrows is None else checked_count(self.arrows),
+            arrows=None if self.arrows is None else checked_integer("arrows", self.arrows, 0, MOST_ARROWS),
             texture=texture,
             curves=[checked_positions(curve, f"curves[{i}]") for i, curve in enumerate(self.curves)],
             crease_angle=checked_angle(self.crease_angle),

@@ -6,7 +6,7 @@ import sys
 import threading
 from types import ModuleType
 
-from ._extras import extra
+from ..extras import extra
 from ._material import load_materials
 
 SAMPLES_PER_PIXEL_SIDE = 3

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ._extras import extra
+from ..extras import extra
 
 JPEG_QUALITY = 75
 COLORS = 128
