@@ -1,6 +1,5 @@
 """How nearly a flow is an isometry: §3.3 of the paper."""
 
-import importlib
 import math
 from typing import NamedTuple
 
@@ -8,6 +7,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from ..extras import extra
 from ..geometry import edge_lengths
 from ..mesh import TriangleMesh
 from ._flow import FlowStatus, flow
@@ -113,11 +113,5 @@ def _split(
 def _exact_distances(
     x: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], source: int
 ) -> Float[np.ndarray, " V"]:
-    try:
-        igl = importlib.import_module("igl")
-    except ImportError as error:
-        raise ImportError(
-            f'geodesic distances need libigl: pip install "jaxkvf[geodesics]" ({error})'
-        ) from error
     none = np.zeros(0, np.int64)
-    return igl.exact_geodesic(x, faces, np.array([source]), none, np.arange(len(x)), none)
+    return extra("igl").exact_geodesic(x, faces, np.array([source]), none, np.arange(len(x)), none)

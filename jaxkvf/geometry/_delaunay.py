@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float, Int
 
+from ..arguments import Integer, check_shape, checked_integer
 from ..mesh import Topology, TriangleMesh
 from ..mesh._flipping import DelaunayFlips, delaunay_flips
 from ..mesh._topology import TopologyArrays
@@ -57,7 +58,7 @@ def delaunay_tolerance(dtype: DTypeLike) -> float:
 
 @eqx.filter_jit
 def intrinsic_delaunay(
-    surface: TriangleMesh | Float[Array, " E"], topology: Topology | None = None, *, capacity: int = 1
+    surface: TriangleMesh | Float[Array, " E"], topology: Topology | None = None, *, capacity: Integer = 1
 ) -> IntrinsicDelaunay:
     """The intrinsic Delaunay triangulation of a mesh, or of edge lengths over a topology.
 
@@ -83,12 +84,8 @@ def intrinsic_delaunay(
     else:
         lengths = surface
     assert topology is not None
-    if lengths.shape != (topology.n_edges,):
-        raise ValueError(
-            f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
-        )
-    if isinstance(capacity, bool) or not isinstance(capacity, int) or capacity < 1:
-        raise ValueError(f"capacity must be a positive integer, got {capacity!r}")
+    check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
+    capacity = checked_integer("capacity", capacity)
     found = _find_flips(jax.lax.stop_gradient(lengths), topology, capacity)
     flipped = lengths
     for diamonds in (found.wide, found.narrow):
@@ -123,13 +120,13 @@ _WIDE_ROWS = 128
 _NARROW_ROWS = 1024
 
 
-def _row_shapes(n_edges: int, capacity: int) -> tuple[tuple[int, int], tuple[int, int]]:
+def _row_shapes(n_edges: int, capacity: Integer) -> tuple[tuple[int, int], tuple[int, int]]:
     """Rows and width: 128 rows of E/64 flips for the bulk, then many short ones, since a fan of n flips takes n steps."""
     wide = (capacity * _WIDE_ROWS, max(_LEAST_WIDTH, n_edges // 64))
     return wide, (capacity * _NARROW_ROWS, _LEAST_WIDTH)
 
 
-def _find_flips(lengths: Float[Array, " E"], topology: Topology, capacity: int) -> _Schedule:
+def _find_flips(lengths: Float[Array, " E"], topology: Topology, capacity: Integer) -> _Schedule:
     shapes = _row_shapes(topology.n_edges, capacity)
     dtype = np.dtype(lengths.dtype)
 

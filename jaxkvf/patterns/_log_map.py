@@ -1,10 +1,9 @@
 """The log map: normal coordinates around a vertex."""
 
-import importlib
-
 import numpy as np
 from jaxtyping import Float
 
+from ..extras import extra
 from ..geometry import edge_lengths, spoke_angles
 from ..mesh import TriangleMesh
 
@@ -20,12 +19,8 @@ def log_map(mesh: TriangleMesh, vertex: int, direction: Float[np.ndarray, "3"]) 
     Raises:
         ImportError: potpourri3d is not installed.
     """
-    try:
-        potpourri3d = importlib.import_module("potpourri3d")
-    except ImportError as error:
-        raise ImportError(f'patterns need potpourri3d: pip install "jaxkvf[patterns]" ({error})') from error
     x, topology = np.asarray(mesh.vertices, np.float64), mesh.topology
-    solver = potpourri3d.MeshVectorHeatSolver(x, np.asarray(mesh.faces, np.int64))
+    solver = extra("potpourri3d").MeshVectorHeatSolver(x, np.asarray(mesh.faces, np.int64))
     found = np.asarray(solver.compute_log_map(vertex))
     starts = np.asarray(topology.spoke_starts)
     spokes = slice(starts[vertex], starts[vertex + 1])

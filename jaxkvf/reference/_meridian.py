@@ -75,7 +75,7 @@ def resolve_meridian(r: object, z: object, interval: tuple[float, float], rtol: 
     """The meridian, sampled until its tangent is known to `rtol`; `ValueError` where it is not regular."""
     t0, t1 = interval
     if not (np.isfinite(t0) and np.isfinite(t1) and t0 < t1):
-        raise ValueError(f"interval must be finite and ascending; got ({t0}, {t1})")
+        raise ValueError(f"interval must be finite and ascending, got ({t0}, {t1})")
     r, z = _checked_profile("r", r), _checked_profile("z", z)
 
     def interpolated(degree: int) -> Meridian:
@@ -132,12 +132,12 @@ def meridian_ends(meridian: Meridian) -> tuple[End, End]:
 def _checked_profile(name: str, profile: object) -> Callable[[np.ndarray], np.ndarray]:
     """`profile` as a function to finite float64 arrays; what it returns is checked whenever it is called."""
     if not callable(profile):
-        raise ValueError(f"{name} must be a function of the meridian's parameter; got {profile!r}")
+        raise ValueError(f"{name} must be a function of the meridian's parameter, got {profile!r}")
 
     def checked(t: np.ndarray) -> np.ndarray:
         values = np.asarray(profile(t))
         if values.dtype.kind not in "iuf" or (values.dtype.kind == "f" and values.dtype.itemsize < 8):
-            raise ValueError(f"{name}(t) must be float64; got {values.dtype} (in JAX, set JAX_ENABLE_X64)")
+            raise ValueError(f"{name}(t) must be float64, got {values.dtype} (in JAX, set JAX_ENABLE_X64)")
         if values.shape not in ((), t.shape):
             raise ValueError(
                 f"{name}(t) must be vectorised: {values.shape} came back for t of shape {t.shape}"

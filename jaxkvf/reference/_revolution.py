@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from numpy.polynomial import Legendre
 from threadpoolctl import threadpool_limits
 
-from ._arguments import checked_count, checked_positive
+from ..arguments import Integer, checked_integer, checked_positive
 from ._fourier_mode import admissible_fields, mode_eigenpairs, quadrature
 from ._meridian import End, Meridian, Profile, meridian_ends, resolve_meridian
 
@@ -34,7 +34,7 @@ class RevolutionModes:
 
 
 def surface_of_revolution_spectrum(
-    r: Profile, z: Profile, k: int, *, interval: tuple[float, float] = (0.0, np.pi), rtol: float = 1e-10
+    r: Profile, z: Profile, k: Integer, *, interval: tuple[float, float] = (0.0, np.pi), rtol: float = 1e-10
 ) -> Float[np.ndarray, " {k}"]:
     """First `k` eigenvalues of the Killing energy on the surface that (r(t), z(t)) sweeps around the z-axis.
 
@@ -47,7 +47,7 @@ def surface_of_revolution_spectrum(
 
 
 def surface_of_revolution_modes(
-    r: Profile, z: Profile, k: int, *, interval: tuple[float, float] = (0.0, np.pi), rtol: float = 1e-10
+    r: Profile, z: Profile, k: Integer, *, interval: tuple[float, float] = (0.0, np.pi), rtol: float = 1e-10
 ) -> RevolutionModes:
     """First `k` eigenvalues and eigenfields on the surface that (r(t), z(t)) sweeps around the z-axis.
 
@@ -81,7 +81,7 @@ def surface_of_revolution_modes(
     ε_ss = a', ε_φφ = (m b + r'a)/r, 2ε_sφ = −m a/r + b' − r'b/r, ' = d/ds. Each mode is a Galerkin problem in
     Legendre polynomials of t, their degree raised until the eigenvalues stand.
     """
-    k, rtol = checked_count(k), checked_positive("rtol", rtol)
+    k, rtol = checked_integer("k", k), checked_positive("rtol", rtol)
     meridian = resolve_meridian(r, z, interval, rtol)
     ends = meridian_ends(meridian)
     shift = 1 / max(meridian.largest_radius, meridian.length) ** 2
@@ -104,7 +104,7 @@ def surface_of_revolution_modes(
 
 
 def _modes_of_degree(
-    meridian: Meridian, ends: tuple[End, End], k: int, degree: int, shift: float
+    meridian: Meridian, ends: tuple[End, End], k: Integer, degree: int, shift: float
 ) -> RevolutionModes:
     """The `k` smallest eigenpairs among all Fourier modes, in polynomials of one degree."""
     nodes = quadrature(meridian, 2 * degree + meridian.r_t.degree())

@@ -5,10 +5,10 @@ from math import isqrt
 import numpy as np
 from jaxtyping import Float
 
-from ._arguments import checked_count, checked_positive
+from ..arguments import Integer, checked_integer, checked_positive
 
 
-def sphere_spectrum(k: int, radius: float = 1.0) -> Float[np.ndarray, " {k}"]:
+def sphere_spectrum(k: Integer, radius: float = 1.0) -> Float[np.ndarray, " {k}"]:
     """First `k` eigenvalues of the Killing energy on the round sphere, repeated by multiplicity.
 
     With λₙ = n(n+1), n ≥ 1, the Laplace eigenvalues and 2n+1 their multiplicity, rotated gradients of
@@ -26,7 +26,7 @@ def sphere_spectrum(k: int, radius: float = 1.0) -> Float[np.ndarray, " {k}"]:
 
     Source: Ben-Chen, Butscher, Solomon and Guibas 2010, appendix B; λ = ∫‖KU‖² / ∫|U|², KU = J + Jᵀ.
     """
-    k, radius = checked_count(k), checked_positive("radius", radius)
+    k, radius = checked_integer("k", k), checked_positive("radius", radius)
     n = np.arange(1, isqrt(k) + 2)  # Σ (2n+1) over them is above k, and what is left out lies higher
     rotated_gradients = np.repeat(2 * n * (n + 1) - 4, 2 * n + 1)
     gradients = np.repeat(4 * n * (n + 1) - 4, 2 * n + 1)

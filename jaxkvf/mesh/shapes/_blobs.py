@@ -16,7 +16,7 @@ _LIMBS = np.array(
 )
 
 
-def bumpy_sphere(frequency: int) -> TriangleMesh:
+def bumpy_sphere(frequency: Integer) -> TriangleMesh:
     """A smooth closed surface without any symmetry: the unit sphere plus a fixed sum of low harmonics.
 
     Args:
@@ -39,7 +39,7 @@ def bumpy_sphere(frequency: int) -> TriangleMesh:
     return TriangleMesh.from_arrays(radius[:, None] * n, faces)
 
 
-def limbed_blob(frequency: int) -> TriangleMesh:
+def limbed_blob(frequency: Integer) -> TriangleMesh:
     """A smooth closed blob with four limbs of slightly different length and width, after the paper's Fig. 11 but shorter.
 
     Args:

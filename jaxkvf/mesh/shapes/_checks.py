@@ -1,25 +1,8 @@
-"""Checks of arguments that say what was given and what is allowed."""
+"""Checks of radii that say what was given and what is allowed."""
 
 import math
-import operator
 
-Real = float | int
-
-
-def check_count(name: str, value: int, at_least: int) -> None:
-    """Raises `ValueError` unless `value` is an integer and large enough."""
-    try:
-        large_enough = operator.index(value) >= at_least
-    except TypeError:
-        large_enough = False
-    if not large_enough:
-        raise ValueError(f"{name} must be an integer of at least {at_least}, got {value!r}")
-
-
-def check_positive(name: str, value: Real) -> None:
-    """Raises `ValueError` unless `value` is positive and finite."""
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be positive and finite, got {value!r}")
+from ...arguments import Real
 
 
 def check_radii(name: str, value: tuple[Real, ...], n: int) -> None:

@@ -5,14 +5,15 @@ import math
 import numpy as np
 from jaxtyping import Float
 
+from ...arguments import Integer, Real, checked_integer, checked_positive
 from .._triangle_mesh import TriangleMesh
-from ._checks import Real, check_ascending, check_count, check_positive, check_radii
+from ._checks import check_ascending, check_radii
 from ._rings import counts_for_spacing, rings_around_axis
 
 _ROW_OF_EQUILATERALS = math.sqrt(3) / 2
 
 
-def disk(n_rings: int, radius: Real = 1.0) -> TriangleMesh:
+def disk(n_rings: Integer, radius: Real = 1.0) -> TriangleMesh:
     """A flat disk at z = 0, seen from above, with 6 k vertices on the k-th ring: 3 n (n + 1) + 1 in all.
 
     Args:
@@ -22,8 +23,8 @@ def disk(n_rings: int, radius: Real = 1.0) -> TriangleMesh:
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_rings", n_rings, 1)
-    check_positive("radius", radius)
+    n_rings = checked_integer("n_rings", n_rings, 1)
+    radius = checked_positive("radius", radius)
     k = np.arange(n_rings + 1)
     counts = np.maximum(6 * k, 1)
     return TriangleMesh.from_arrays(
@@ -31,7 +32,7 @@ def disk(n_rings: int, radius: Real = 1.0) -> TriangleMesh:
     )
 
 
-def annulus(n_rings: int, inner_radius: Real = 0.5, outer_radius: Real = 1.0) -> TriangleMesh:
+def annulus(n_rings: Integer, inner_radius: Real = 0.5, outer_radius: Real = 1.0) -> TriangleMesh:
     """A flat ring at z = 0, seen from above, of nearly equilateral triangles; two boundary loops.
 
     Args:
@@ -42,7 +43,7 @@ def annulus(n_rings: int, inner_radius: Real = 0.5, outer_radius: Real = 1.0) ->
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_rings", n_rings, 1)
+    n_rings = checked_integer("n_rings", n_rings, 1)
     check_ascending("inner_radius", inner_radius, "outer_radius", outer_radius)
     radii = np.linspace(inner_radius, outer_radius, n_rings + 1)
     counts = counts_for_spacing(radii, (outer_radius - inner_radius) / n_rings / _ROW_OF_EQUILATERALS)
@@ -50,7 +51,7 @@ def annulus(n_rings: int, inner_radius: Real = 0.5, outer_radius: Real = 1.0) ->
 
 
 def cylinder(
-    n_around: int, n_along: int | None = None, radius: Real = 1.0, height: Real = 2.0
+    n_around: Integer, n_along: Integer | None = None, radius: Real = 1.0, height: Real = 2.0
 ) -> TriangleMesh:
     """An open cylinder around the z axis, centred at the origin; two boundary loops.
 
@@ -65,21 +66,21 @@ def cylinder(
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_around", n_around, 3)
-    check_positive("radius", radius)
-    check_positive("height", height)
+    n_around = checked_integer("n_around", n_around, 3)
+    radius = checked_positive("radius", radius)
+    height = checked_positive("height", height)
     if n_along is None:
         edge = 2 * radius * math.sin(math.pi / n_around)
         n_along = max(1, round(height / (edge * _ROW_OF_EQUILATERALS)))
-    check_count("n_along", n_along, 1)
+    n_along = checked_integer("n_along", n_along, 1)
     heights = np.linspace(-height / 2, height / 2, n_along + 1)
     counts = np.full(n_along + 1, n_around)
     return TriangleMesh.from_arrays(*rings_around_axis(np.full(n_along + 1, float(radius)), heights, counts))
 
 
 def cone(
-    n_around: int,
-    n_along: int | None = None,
+    n_around: Integer,
+    n_along: Integer | None = None,
     bottom_radius: Real = 1.0,
     top_radius: Real = 0.4,
     height: Real = 1.0,
@@ -99,7 +100,7 @@ def cone(
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_around", n_around, 3)
+    n_around = checked_integer("n_around", n_around, 3)
     check_radii("bottom_radius, top_radius, height", (bottom_radius, top_radius, height), 3)
     if bottom_radius == top_radius:
         raise ValueError(
@@ -109,7 +110,7 @@ def cone(
         slope = abs(bottom_radius - top_radius) / math.hypot(bottom_radius - top_radius, height)
         step = 2 * math.sin(math.pi / n_around) * _ROW_OF_EQUILATERALS * slope  # of log r
         n_along = max(1, round(abs(math.log(top_radius / bottom_radius)) / step))
-    check_count("n_along", n_along, 1)
+    n_along = checked_integer("n_along", n_along, 1)
     radii = np.geomspace(bottom_radius, top_radius, n_along + 1)
     heights = height * (radii - bottom_radius) / (top_radius - bottom_radius)
     counts = np.full(n_along + 1, n_around)
@@ -117,8 +118,8 @@ def cone(
 
 
 def elliptic_cone(
-    n_around: int,
-    n_along: int | None = None,
+    n_around: Integer,
+    n_along: Integer | None = None,
     semi_axes: tuple[Real, Real] = (1.0, 0.5),
     distances: tuple[Real, Real] = (0.5, 1.5),
 ) -> TriangleMesh:
@@ -136,7 +137,7 @@ def elliptic_cone(
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_around", n_around, 3)
+    n_around = checked_integer("n_around", n_around, 3)
     check_radii("semi_axes", semi_axes, 2)
     near, far = distances
     check_ascending("distances[0]", near, "distances[1]", far)
@@ -144,7 +145,7 @@ def elliptic_cone(
     if n_along is None:
         angle = np.linalg.norm(generators[1] - generators[0])
         n_along = max(1, round(math.log(far / near) / math.log1p(float(angle))))
-    check_count("n_along", n_along, 1)
+    n_along = checked_integer("n_along", n_along, 1)
     distance = np.geomspace(near, far, n_along + 1)
     _, faces = rings_around_axis(distance, distance, np.full(n_along + 1, n_around), staggered=False)
     vertices = (distance[:, None, None] * generators).reshape(-1, 3)

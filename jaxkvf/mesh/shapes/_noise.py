@@ -4,12 +4,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from ...arguments import Integer, Real, checked_not_negative
 from .._triangle_mesh import TriangleMesh
 from .._validation import check_areas_positive
-from ._checks import Real
 
 
-def add_normal_noise(mesh: TriangleMesh, sigma: Real, seed: int = 0) -> TriangleMesh:
+def add_normal_noise(mesh: TriangleMesh, sigma: Real, seed: Integer = 0) -> TriangleMesh:
     """Moves each vertex along its area-weighted normal by sigma × mean edge length × a standard normal number.
 
     Args:
@@ -21,8 +21,7 @@ def add_normal_noise(mesh: TriangleMesh, sigma: Real, seed: int = 0) -> Triangle
         ValueError: `sigma` negative or not finite.
         MeshError: the noise made a triangle degenerate.
     """
-    if not (np.isfinite(sigma) and sigma >= 0):
-        raise ValueError(f"sigma must be finite and at least 0, got {sigma!r}")
+    sigma = checked_not_negative("sigma", sigma)
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     tails, heads = np.asarray(mesh.topology.edges).T
     mean_edge = np.linalg.norm(vertices[heads] - vertices[tails], axis=1).mean()

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from ...arguments import Integer, Real, checked_integer, checked_positive
 from .._triangle_mesh import TriangleMesh
-from ._checks import Real, check_ascending, check_count, check_positive
+from ._checks import check_ascending
 from ._rings import counts_for_spacing, rings_around_axis
 
 _ROW_OF_EQUILATERALS = math.sqrt(3) / 2
@@ -30,8 +31,8 @@ _VASE = np.array(
 def surface_of_revolution(
     r: Coordinate,
     z: Coordinate,
-    n_along: int,
-    n_around: int | None = None,
+    n_along: Integer,
+    n_around: Integer | None = None,
     interval: tuple[Real, Real] = (0.0, math.pi),
 ) -> TriangleMesh:
     """The meridian (r(t), z(t)) turned around the z axis.
@@ -52,7 +53,7 @@ def surface_of_revolution(
         ValueError: an argument out of range, or a meridian that is not finite, has no length, or meets the axis other
             than at its ends.
     """
-    check_count("n_along", n_along, 3)
+    n_along = checked_integer("n_along", n_along, 3)
     t = _equal_steps(r, z, n_along, interval)
     radii, heights = _evaluate(r, z, t)
     size = max(radii.max(), np.ptp(heights))
@@ -69,12 +70,14 @@ def surface_of_revolution(
     if n_around is None:
         counts = counts_for_spacing(radii, spacing)
     else:
-        check_count("n_around", n_around, 3)
+        n_around = checked_integer("n_around", n_around, 3)
         counts = np.where(radii == 0, 1, n_around)
     return TriangleMesh.from_arrays(*rings_around_axis(radii, heights, counts, periodic=bool(periodic)))
 
 
-def torus(n_major: int, n_minor: int, major_radius: Real = 2.0, minor_radius: Real = 1.0) -> TriangleMesh:
+def torus(
+    n_major: Integer, n_minor: Integer, major_radius: Real = 2.0, minor_radius: Real = 1.0
+) -> TriangleMesh:
     """A torus around the z axis; a turn by 2π / n_major maps the mesh to itself.
 
     Args:
@@ -86,8 +89,8 @@ def torus(n_major: int, n_minor: int, major_radius: Real = 2.0, minor_radius: Re
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_major", n_major, 3)
-    check_count("n_minor", n_minor, 3)
+    n_major = checked_integer("n_major", n_major, 3)
+    n_minor = checked_integer("n_minor", n_minor, 3)
     check_ascending("minor_radius", minor_radius, "major_radius", major_radius)
     angle = 2 * np.pi * np.arange(n_minor) / n_minor
     radii, heights = major_radius + minor_radius * np.cos(angle), minor_radius * np.sin(angle)
@@ -96,8 +99,8 @@ def torus(n_major: int, n_minor: int, major_radius: Real = 2.0, minor_radius: Re
 
 
 def spherical_band(
-    n_around: int,
-    n_along: int | None = None,
+    n_around: Integer,
+    n_along: Integer | None = None,
     latitudes: tuple[Real, Real] = (-0.5, 0.5),
     radius: Real = 1.0,
 ) -> TriangleMesh:
@@ -112,14 +115,14 @@ def spherical_band(
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_around", n_around, 3)
-    check_positive("radius", radius)
+    n_around = checked_integer("n_around", n_around, 3)
+    radius = checked_positive("radius", radius)
     south, north = latitudes
     if not -math.pi / 2 < south < north < math.pi / 2:
         raise ValueError(f"latitudes must hold −π/2 < south < north < π/2, got {latitudes!r}")
     if n_along is None:
         n_along = max(1, round((north - south) * n_around / (2 * math.pi * _ROW_OF_EQUILATERALS)))
-    check_count("n_along", n_along, 1)
+    n_along = checked_integer("n_along", n_along, 1)
     latitude = np.linspace(south, north, n_along + 1)
     counts = np.full(n_along + 1, n_around)
     return TriangleMesh.from_arrays(
@@ -127,7 +130,7 @@ def spherical_band(
     )
 
 
-def vase(n_along: int = 64) -> TriangleMesh:
+def vase(n_along: Integer = 64) -> TriangleMesh:
     """A vase with foot, belly, neck and lip, its mouth closed: a smooth closed surface of revolution, 2.6 units high.
 
     Args:
@@ -146,7 +149,7 @@ def vase(n_along: int = 64) -> TriangleMesh:
     )
 
 
-def squashed_cone(squash: Real, n_along: int = 48) -> TriangleMesh:
+def squashed_cone(squash: Real, n_along: Integer = 48) -> TriangleMesh:
     """The paper's Fig. 8: the cone (a h cos θ, h, h sin θ), 0 ≤ h ≤ 1, closed by a flat elliptic cap at h = 1.
 
     Meshes of different `squash` have the same connectivity: they are the perfect cone (a = 1) scaled along x.
@@ -158,8 +161,8 @@ def squashed_cone(squash: Real, n_along: int = 48) -> TriangleMesh:
     Raises:
         ValueError: an argument out of range.
     """
-    check_positive("squash", squash)
-    check_count("n_along", n_along, 6)
+    squash = checked_positive("squash", squash)
+    n_along = checked_integer("n_along", n_along, 6)
     n_cap = round(n_along / (1 + math.sqrt(2)))
     radii = np.concatenate([np.linspace(0, 1, n_along - n_cap + 1), np.linspace(1, 0, n_cap + 1)[1:]])
     heights = np.minimum(np.concatenate([radii[: n_along - n_cap + 1], np.ones(n_cap)]), 1.0)
@@ -170,7 +173,7 @@ def squashed_cone(squash: Real, n_along: int = 48) -> TriangleMesh:
 
 
 def _equal_steps(
-    r: Coordinate, z: Coordinate, n_along: int, interval: tuple[Real, Real]
+    r: Coordinate, z: Coordinate, n_along: Integer, interval: tuple[Real, Real]
 ) -> Float[np.ndarray, " t"]:
     """Parameters at nearly equal arc length, from the lengths of a fine polygon."""
     start, end = interval

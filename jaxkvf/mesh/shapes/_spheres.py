@@ -6,11 +6,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
+from ...arguments import Integer, Real, checked_integer, checked_positive
 from .._triangle_mesh import TriangleMesh
-from ._checks import Real, check_count, check_positive, check_radii
+from ._checks import check_radii
 
 
-def icosphere(frequency: int, radius: Real = 1.0) -> TriangleMesh:
+def icosphere(frequency: Integer, radius: Real = 1.0) -> TriangleMesh:
     """The geodesic sphere: an icosahedron's faces, each cut into frequency² triangles, projected from the centre.
 
     10 f² + 2 vertices (f = 12, 16, 32, 45, 316: 1,442, 2,562, 10,242, 20,252, 998,562) and 20 f² faces. Two corners of
@@ -25,12 +26,12 @@ def icosphere(frequency: int, radius: Real = 1.0) -> TriangleMesh:
     Raises:
         ValueError: an argument out of range.
     """
-    check_positive("radius", radius)
+    radius = checked_positive("radius", radius)
     vertices, faces = unit_icosphere(frequency)
     return TriangleMesh.from_arrays(radius * vertices, faces)
 
 
-def ellipsoid(frequency: int, radii: tuple[Real, Real, Real] = (1.0, 1.0, 1.6)) -> TriangleMesh:
+def ellipsoid(frequency: Integer, radii: tuple[Real, Real, Real] = (1.0, 1.0, 1.6)) -> TriangleMesh:
     """The geodesic sphere of this frequency, scaled along the axes.
 
     Args:
@@ -46,7 +47,7 @@ def ellipsoid(frequency: int, radii: tuple[Real, Real, Real] = (1.0, 1.0, 1.6)) 
 
 
 def random_sphere(
-    n_vertices: int, seed: int = 0, radii: tuple[Real, Real, Real] = (1.0, 1.0, 1.0)
+    n_vertices: Integer, seed: Integer = 0, radii: tuple[Real, Real, Real] = (1.0, 1.0, 1.0)
 ) -> TriangleMesh:
     """Random points on the unit sphere, joined by their convex hull, then scaled along the axes: bad triangles.
 
@@ -60,7 +61,7 @@ def random_sphere(
     Raises:
         ValueError: an argument out of range.
     """
-    check_count("n_vertices", n_vertices, 4)
+    n_vertices = checked_integer("n_vertices", n_vertices, 4)
     check_radii("radii", radii, 3)
     points = np.random.default_rng(seed).standard_normal((n_vertices, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -72,13 +73,13 @@ def random_sphere(
     return TriangleMesh.from_arrays(points * np.asarray(radii, np.float64), faces)
 
 
-def unit_icosphere(frequency: int) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def unit_icosphere(frequency: Integer) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
     """Vertices and faces of the geodesic sphere of radius 1, glued by counting alone.
 
     First the 12 corners of the icosahedron, then frequency − 1 vertices on each of its edges, then the inner vertices
     of each of its faces.
     """
-    check_count("frequency", frequency, 1)
+    frequency = checked_integer("frequency", frequency, 1)
     f = frequency
     corners, triangles = _icosahedron()
     sides = np.stack([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]], axis=1)
