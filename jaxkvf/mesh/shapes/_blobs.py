@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ...arguments import Integer
 from .._triangle_mesh import TriangleMesh
 from ._spheres import unit_icosphere
 
