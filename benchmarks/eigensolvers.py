@@ -273,7 +273,7 @@ def _factorized(factorization: str) -> Callable[..., tuple[Any, Any, int]]:
     def solve(lengths: Any, topology: Any, k: int) -> tuple[Any, Any, int]:
         from jaxkvf import eigen  # noqa: PLC0415
 
-        solver = eigen.ScipyEigsh(getattr(eigen, factorization)(), tolerance=RESIDUAL)
+        solver = eigen.ScipyEigsh(getattr(eigen, factorization)(), rtol=RESIDUAL)
         solution = eigen.eigsolve(_problem(lengths, topology), k, solver)
         return solution.eigenvalues, solution.eigenvectors, int(solution.stats["solves"])
 

@@ -1,7 +1,5 @@
 """The main result: approximate Killing vector fields of a mesh, and how far each is from a symmetry."""
 
-from typing import Any
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -43,8 +41,10 @@ class KillingFields(eqx.Module):
     area: Float[Array, ""]
     """Surface area. Unit: length²."""
     result: RESULTS
-    stats: dict[str, Any]
-    """What was done: `solver` names the choice, the rest depends on it."""
+    stats: dict[str, Array | int | float]
+    """Counts of work done, by name; what is counted depends on the solver."""
+    solver: str = eqx.field(static=True)
+    """Which eigensolver solved, and why this one."""
 
     @property
     def dimensionless(self) -> Float[Array, " k"]:
@@ -59,7 +59,7 @@ def killing_fields(
     discretization: str | AbstractDiscretization = "regge",
     region: object = None,
     solver: AbstractEigensolver | None = None,
-    clusters: str = "error",
+    degenerate: str = "error",
     throw: bool = True,
 ) -> KillingFields:
     """The k approximate Killing vector fields of smallest energy, by K*KU = λU (eq. (7), (11) of the paper).
@@ -71,8 +71,8 @@ def killing_fields(
             triangulation), or `"regge-delaunay"` (`regge` on it: for meshes with thin triangles).
         region: faces of the piece to look at alone, with free boundary, as a mask `[F]` or as numbers; by default all. The
             vectors are then 0 outside of it, everything else is the piece's own. A component can be solved apart so.
-        solver: eigensolver; by default chosen by size and k: `.stats["solver"]` says which, and why.
-        clusters: what differentiating inside a cluster of equal eigenvalues does, see `jaxkvf.eigen.eigsolve`.
+        solver: eigensolver; by default chosen by size and k: `.solver` says which, and why.
+        degenerate: what differentiating inside a cluster of equal eigenvalues does, see `jaxkvf.eigen.eigsolve`.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
     Raises:
@@ -83,14 +83,14 @@ def killing_fields(
     if region is not None:
         piece, origins = mesh.submesh(region)
         found = killing_fields(
-            piece, k, discretization=discretization, solver=solver, clusters=clusters, throw=throw
+            piece, k, discretization=discretization, solver=solver, degenerate=degenerate, throw=throw
         )
         vectors = jnp.zeros((k, *mesh.vertices.shape), found.vectors.dtype).at[:, origins].set(found.vectors)
         return eqx.tree_at(lambda f: f.vectors, found, vectors)
     chosen = discretization_named(discretization)
     lengths = edge_lengths(mesh.vertices, mesh.topology)
     problem, solver, reason = _posed(chosen, lengths, mesh.topology, k, solver)
-    solution = eigsolve(problem, k, solver, clusters=clusters, throw=throw)
+    solution = eigsolve(problem, k, solver, degenerate=degenerate, throw=throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
     return KillingFields(
@@ -101,7 +101,8 @@ def killing_fields(
         clusters=cluster_labels(solution.eigenvalues, atol=EXACT / area),
         area=area,
         result=solution.result,
-        stats=solution.stats | {"solver": reason},
+        stats=solution.stats,
+        solver=reason,
     )
 
 
@@ -111,15 +112,15 @@ def killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
-    clusters: str = "error",
+    degenerate: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
     """The k smallest eigenvalues λ of the Killing operator, ascending. Unit: length⁻².
 
     Differentiable to any order, in forward and reverse mode:
     `jax.grad(lambda x: killing_eigenvalues(mesh.with_vertices(x), 1)[0])`. Inside a cluster of equal eigenvalues
-    differentiate their sum; the gradient of a single one is an error that names the cluster, or with `clusters="mean"` that
-    of the cluster's mean (see `jaxkvf.eigen.eigsolve`). Other arguments and errors as for `killing_fields`.
+    differentiate their sum; the gradient of a single one is an error that names the cluster, or with `degenerate="mean"`
+    that of the cluster's mean (see `jaxkvf.eigen.eigsolve`). Other arguments and errors as for `killing_fields`.
     """
     lengths = edge_lengths(mesh.vertices, mesh.topology)
     return intrinsic_killing_eigenvalues(
@@ -128,7 +129,7 @@ def killing_eigenvalues(
         k,
         discretization=discretization,
         solver=solver,
-        clusters=clusters,
+        degenerate=degenerate,
         throw=throw,
     )
 
@@ -140,7 +141,7 @@ def intrinsic_killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
-    clusters: str = "error",
+    degenerate: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
     """`killing_eigenvalues` of a surface given by its edge lengths alone, and differentiable with respect to them.
@@ -154,7 +155,7 @@ def intrinsic_killing_eigenvalues(
         )
     chosen = discretization_named(discretization)
     problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
-    return eigenvalues(problem, k, solver, clusters=clusters, throw=throw)
+    return eigenvalues(problem, k, solver, degenerate=degenerate, throw=throw)
 
 
 def _posed(

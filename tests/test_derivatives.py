@@ -126,8 +126,8 @@ def test_what_is_symmetric_in_a_cluster_has_derivatives():
     def spectral(t):
         return spectral_sum(lambda value: jnp.exp(-value), DOUBLE.problem(t), 3)
 
-    def projector(t, clusters="mean"):
-        X = eigsolve(DOUBLE.problem(t), 3, clusters=clusters).eigenvectors[:, 1:]
+    def projector(t, degenerate="mean"):
+        X = eigsolve(DOUBLE.problem(t), 3, degenerate=degenerate).eigenvectors[:, 1:]
         return ((DOUBLE.weights @ X) ** 2).sum()
 
     def dense(t):
@@ -149,15 +149,15 @@ def test_what_is_symmetric_in_a_cluster_has_derivatives():
 
 def test_the_switch_gives_the_mean():
     def values(t):
-        return eigen.eigenvalues(DOUBLE.problem(t), 3, clusters="mean")
+        return eigen.eigenvalues(DOUBLE.problem(t), 3, degenerate="mean")
 
     rates = jax.jacfwd(values)(0.0)
     np.testing.assert_allclose(rates, jax.jacrev(values)(0.0), rtol=1e-12)
     dense = jax.jacfwd(lambda t: DOUBLE.dense(t)[0][:3].sum())(0.0)  # the trace, where eigh is right too
     np.testing.assert_allclose(rates[1], rates[2], rtol=1e-12)
     np.testing.assert_allclose(rates.sum(), dense, rtol=1e-8)
-    with pytest.raises(ValueError, match="clusters must be 'error' or 'mean', got 'median'"):
-        eigsolve(DOUBLE.problem(0.0), 3, clusters="median")
+    with pytest.raises(ValueError, match="degenerate must be 'error' or 'mean', got 'median'"):
+        eigsolve(DOUBLE.problem(0.0), 3, degenerate="median")
 
 
 def test_an_eigenvector_of_a_cluster_is_an_error():

@@ -100,7 +100,7 @@ def test_failures_are_reported_and_raised(solver):
 
 
 def test_running_out_of_steps_is_reported():
-    solver = ScipyEigsh(max_steps=1, tolerance=1e-15)
+    solver = ScipyEigsh(max_steps=1, rtol=1e-15)
     rng = np.random.default_rng(0)
     A, B = matrices(spectrum=np.sort(rng.random(400)))
     solution = eigsolve(problem_of(A, B), 15, solver, throw=False)

@@ -82,6 +82,17 @@ def test_the_solution_is_what_it_says(discretization):
     np.testing.assert_allclose(energies, fields.eigenvalues, atol=tolerance)
 
 
+def test_a_solution_passes_through_jit():
+    """Whole, the words about its solver included; counts of work are numbers."""
+    mesh = shapes.ellipsoid(3)
+    inside = jax.jit(lambda x: jaxkvf.killing_fields(mesh.with_vertices(x), 2))(mesh.vertices)
+    outside = jaxkvf.killing_fields(mesh, 2)
+    np.testing.assert_allclose(inside.eigenvalues, outside.eigenvalues, rtol=1e-9, atol=1e-12)
+    assert inside.solver == outside.solver == "DenseEigh: 92 vertices are few"
+    traced = jax.jit(lambda x: jaxkvf.killing_fields(mesh.with_vertices(x), 2, solver=ScipyEigsh()))
+    assert {name: int(count) for name, count in traced(mesh.vertices).stats.items()}["solves"] > 0
+
+
 def test_the_lowest_field_of_a_spheroid_is_its_rotation():
     mesh = shapes.ellipsoid(16)
     field = np.asarray(jaxkvf.killing_fields(mesh, 1).vectors[0])

@@ -39,6 +39,7 @@ def about_z(mesh: TriangleMesh) -> Contents:
         jnp.asarray(area),
         RESULTS.successful,
         {},
+        "made by hand",
     )
     some = np.ones(4)
     closed = Period(3.0, 0.0, some, some, 0 * some, some > 0, np.arange(4))

@@ -163,6 +163,6 @@ def _message(first: int, last: int, k: int) -> str:
     return (
         f"{members} (counted from 0) {'are' if last > first else 'is'} in one cluster of equal eigenvalues{beyond}: single "
         "members of a cluster and their eigenvectors have no derivative. Differentiate a symmetric function of the whole "
-        "cluster (`cluster_sums`, `spectral_sum`, a projector), or pass clusters='mean' to share the derivative of the "
+        "cluster (`cluster_sums`, `spectral_sum`, a projector), or pass degenerate='mean' to share the derivative of the "
         "cluster's mean among its members; where the cluster goes on beyond k, ask for more or fewer eigenvalues."
     )

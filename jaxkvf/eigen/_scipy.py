@@ -27,8 +27,9 @@ class ScipyEigsh(AbstractEigensolver):
     """
 
     factorization: AbstractFactorization = eqx.field(default_factory=default_factorization)
-    tolerance: float = eqx.field(default=0.0, static=True)
-    """Relative tolerance of ARPACK's Ritz values; 0 is machine precision."""
+    rtol: float = eqx.field(default=1e-12, static=True)
+    """Relative to ‖A‖₂, as for LOBPCG: converged where ‖A x − λ B x‖₂ ≤ (rtol ‖A‖₂ + atol) ‖x‖₂."""
+    atol: float = eqx.field(default=0.0, static=True)
     max_steps: int = eqx.field(default=300, static=True)
     """Restarts of ARPACK."""
     seed: int = eqx.field(default=0, static=True)
@@ -94,7 +95,7 @@ class ScipyEigsh(AbstractEigensolver):
                     sigma=-shift,
                     which="LM",
                     v0=start,
-                    tol=self.tolerance,  # pyright: ignore[reportArgumentType]
+                    tol=0.1 * self.rtol,  # pyright: ignore[reportArgumentType]
                     maxiter=self.max_steps,
                     OPinv=inverse,
                 )

@@ -1,7 +1,5 @@
 """What an eigensolver returns, and how it says what went wrong."""
 
-from typing import Any
-
 import equinox as eqx
 from jaxtyping import Array, Float
 
@@ -39,5 +37,5 @@ class EigenSolution(eqx.Module):
     residuals: Float[Array, " k"]
     """‖A x − λ B x‖₂ / (‖A‖₂ ‖x‖₂) of each pair, ‖A‖₂ estimated from below within a few per cent."""
     result: RESULTS
-    stats: dict[str, Any]
+    stats: dict[str, Array | int | float]
     """Counts of work done, by name; what is counted depends on the solver."""

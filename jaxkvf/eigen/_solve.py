@@ -19,7 +19,7 @@ from ._solver import AbstractEigensolver
 
 _DENSE_IS_FASTER = 400  # unknowns
 
-_CLUSTERS = ("error", "mean")
+_POLICIES = ("error", "mean")
 _Tree = TypeVar("_Tree")
 
 
@@ -29,7 +29,7 @@ def eigsolve(
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
-    clusters: str = "error",
+    degenerate: str = "error",
     throw: bool = True,
 ) -> EigenSolution:
     """The k smallest eigenpairs of A x = λ B x, differentiable with respect to the arrays of A and B.
@@ -50,21 +50,21 @@ def eigsolve(
         k: number of pairs, 1 ≤ k ≤ n.
         solver: `DenseEigh()`, `ScipyEigsh()`, `LOBPCG(…)`; by default by size.
         guess: approximate eigenvectors to start from.
-        clusters: `"mean"` makes reverse mode do as forward mode does instead of raising. For second derivatives of
+        degenerate: `"mean"` makes reverse mode do as forward mode does instead of raising. For second derivatives of
             eigenvectors' functions in clusters, where the check of the first would see too much.
         throw: raise if the solve fails; otherwise look at `solution.result`.
 
     Raises:
-        ValueError: k is not an integer in 1…n; a guess of the wrong shape; `clusters` is not one of the two.
+        ValueError: k is not an integer in 1…n; a guess of the wrong shape; `degenerate` is not one of the two.
         equinox.EquinoxRuntimeError: the solve failed and `throw`; or a derivative was asked for that does not exist. The
             message says why and what to do.
     """
-    found = _find(problem, k, solver, guess=guess, clusters=clusters, throw=throw, vectors=True)
+    found = _find(problem, k, solver, guess=guess, degenerate=degenerate, throw=throw, vectors=True)
     vectors = found.solution.eigenvectors
-    if clusters == "error":
+    if degenerate == "error":
         vectors = without_gauge(vectors, found.labels, found.cut)
     return eqx.tree_at(
-        lambda s: (s.eigenvalues, s.eigenvectors), found.solution, (_values(found, clusters), vectors)
+        lambda s: (s.eigenvalues, s.eigenvectors), found.solution, (_values(found, degenerate), vectors)
     )
 
 
@@ -74,12 +74,12 @@ def eigenvalues(
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
-    clusters: str = "error",
+    degenerate: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
     """The eigenvalues of `eigsolve` alone, whose first derivatives never need those of eigenvectors; all else as there."""
     return _values(
-        _find(problem, k, solver, guess=guess, clusters=clusters, throw=throw, vectors=False), clusters
+        _find(problem, k, solver, guess=guess, degenerate=degenerate, throw=throw, vectors=False), degenerate
     )
 
 
@@ -101,7 +101,7 @@ def spectral_sum(
         function: f, scalar to scalar, twice differentiable by JAX.
         problem: as for `eigsolve`, like k, solver, guess and throw.
     """
-    found = _find(problem, k, solver, guess=guess, clusters="mean", throw=throw, vectors=False)
+    found = _find(problem, k, solver, guess=guess, degenerate="mean", throw=throw, vectors=False)
     energies = whole(found.energies, found.labels, found.cut)
     means = cluster_means(energies.diagonal(), found.labels)
     deviation = energies - jnp.diag(means)
@@ -129,8 +129,8 @@ class _Found(eqx.Module):
     cut: Bool[Array, " k"]
 
 
-def _values(found: _Found, clusters: str) -> Float[Array, " k"]:
-    change = individual if clusters == "error" else averaged
+def _values(found: _Found, degenerate: str) -> Float[Array, " k"]:
+    change = individual if degenerate == "error" else averaged
     return change(found.energies, found.labels, found.cut).diagonal()
 
 
@@ -140,15 +140,15 @@ def _find(
     solver: AbstractEigensolver | None,
     *,
     guess: Float[Array, "n g"] | None,
-    clusters: str,
+    degenerate: str,
     throw: bool,
     vectors: bool,
 ) -> _Found:
     check_count(k, problem.size)
     if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
         raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
-    if clusters not in _CLUSTERS:
-        raise ValueError(f"clusters must be 'error' or 'mean', got {clusters!r}")
+    if degenerate not in _POLICIES:
+        raise ValueError(f"degenerate must be 'error' or 'mean', got {degenerate!r}")
     if solver is None:
         solver = DenseEigh() if problem.size <= max(_DENSE_IS_FASTER, k) else ScipyEigsh()
     found = _differentiable(problem, jax.lax.stop_gradient(guess), solver, k, vectors)

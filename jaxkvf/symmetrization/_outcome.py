@@ -117,6 +117,7 @@ class Symmetrization(eqx.Module):
     history: tuple[Step, ...]
     """The input first, then one entry an accepted step. λ·area of the target never rises."""
     result: OUTCOMES
-    stats: dict[str, Any]
+    stats: dict[str, int]
+    """Counts of `evaluations` of the objective and of accepted `steps`."""
     state: State
     """To go on from: `symmetrize(mesh, …, resume=state)`; `state.save(path)`."""
