@@ -11,6 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ._failure import DegenerateEigenvalueError, raise_if
+
 _SAME = 1e-5  # cotangents or rates this close, relative to the largest, count as equal
 
 
@@ -152,7 +154,7 @@ def _error_naming_cluster(test: _Test) -> Callable[[_Context, Array], Array]:
         first, last = jnp.argmax(here), k - 1 - jnp.argmax(here[::-1])
         messages = [_message(i, j, k) for i in range(k) for j in range(i, k)]
         position = first * k - first * (first - 1) // 2 + last - first  # of this pair among them
-        return eqx.branched_error_if(rates, wrong.any(), position, messages)
+        return raise_if(rates, wrong.any(), position, messages, DegenerateEigenvalueError)
 
     return checked
 

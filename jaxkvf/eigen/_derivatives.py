@@ -19,17 +19,19 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..sparse import matmat
 from ._clusters import cluster_labels
-from ._deflated import deflated_solve
+from ._constraints import basis_of_constraints, restricted
+from ._deflated import Solved, deflated_solve
 from ._problem import GeneralizedEigenproblem
+from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 
 
 class Eigenspaces(eqx.Module):
-    """What a solver found, held fixed: eigenpairs, the clusters they fall into, and the solver."""
+    """What a solver found, held fixed: eigenpairs, the clusters they fall into, and how they were found."""
 
     values: Float[Array, " k"]
     vectors: Float[Array, "n k"]
@@ -37,27 +39,47 @@ class Eigenspaces(eqx.Module):
     """Of the clusters."""
     cut: Bool[Array, " k"]
     """Members of the last cluster, where it goes on beyond the k found."""
-    solver: AbstractEigensolver
+    solved: Solved
 
     @classmethod
     def of(
         cls,
         problem: GeneralizedEigenproblem,
-        values: Float[Array, " w"],
-        vectors: Float[Array, "n w"],
+        found: EigenSolution,
         k: int,
         solver: AbstractEigensolver,
+        state: PyTree,
     ) -> "Eigenspaces":
         """The first k pairs; one more, where there is one, tells whether the last cluster ends there.
 
         Eigenvalues count as equal where their gap is below √ε of their size, or near what rounding leaves of zero: single
-        derivatives of second order would have no digits left.
+        derivatives of second order would have no digits left. Where the solve has failed nothing counts as equal.
         """
+        values, vectors = found.eigenvalues, found.eigenvectors
         eps = float(jnp.finfo(values.dtype).eps)
-        labels = cluster_labels(values, rtol=64 * eps**0.5, atol=100 * eps * _mean_eigenvalue(problem))
+        typical = _mean_eigenvalue(problem)
+        labels = cluster_labels(values, rtol=64 * eps**0.5, atol=100 * eps * typical)
+        known = jnp.isfinite(values).all()
+        labels = jnp.where(known, labels, jnp.arange(len(values), dtype=labels.dtype))
         goes_on = labels[k:].max() if len(values) > k else -1
         cut = labels[:k] == goes_on
-        return cls(values[:k], vectors[:, :k], labels[:k], cut, solver)
+        constraints = (
+            None if solver.constraints is None else basis_of_constraints(problem, solver.constraints)
+        )
+        solved = Solved(
+            problem=problem,
+            solver=solver,
+            state=state,
+            constraints=constraints,
+            level=2 * jnp.abs(values).max() + typical,
+            successful=found.result == RESULTS.successful,
+        )
+        return cls(values[:k], vectors[:, :k], labels[:k], cut, solved)
+
+    def unconstrained(self, problem: GeneralizedEigenproblem) -> GeneralizedEigenproblem:
+        """The problem, with the solver's constraints in the operator."""
+        constraints = self.solved.constraints
+        return problem if constraints is None else restricted(problem, constraints, self.solved.level)
 
     @property
     def same(self) -> Bool[Array, "k k"]:
@@ -108,7 +130,7 @@ def _(primals, tangents):
     away_from = X * complete
     Y = Y * complete * complete.T
     outside = F - matmat(problem.B, away_from) @ (away_from.T @ F)
-    return X, X @ Y - deflated_solve(problem, away_from, Lambda, outside, found.solver)
+    return X, X @ Y - deflated_solve(problem, away_from, Lambda, outside, found.solved)
 
 
 def _changed_products(

@@ -15,9 +15,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, DTypeLike, Float, Int
 
 from ..sparse import BlockProduct, block_product, cheap_diagonal, spectral_norm
+from ._conjugate_gradients import conjugate_gradients
 from ._preconditioner import AbstractApproximateInverse, AbstractPreconditioner
 from ._problem import GeneralizedEigenproblem
-from ._residual import relative_residuals
+from ._residual import all_finite, check_tolerances, least_rtol, lost_positivity, relative_residuals
 from ._solution import RESULTS, EigenSolution
 from ._solver import AbstractEigensolver
 from .subspace import (
@@ -32,7 +33,6 @@ from .subspace import (
     whitening,
 )
 
-_ROUNDINGS = 16  # a residual of this many rounding units is converged: nothing smaller can be asked for
 _REFRESH = 100  # steps between true products, which keep rounding from adding up
 _PATIENCE = 50  # steps without progress
 _FILLS = 3  # approximations that many times without full rank, random ones added each time: B is to blame
@@ -63,26 +63,25 @@ class LOBPCG(AbstractEigensolver):
     """Of the random starting vectors."""
 
     def __check_init__(self) -> None:
-        if not (self.rtol >= 0 and self.atol >= 0):
-            raise ValueError(f"rtol and atol must not be negative, got {self.rtol} and {self.atol}")
-        if self.max_steps < 0 or (self.guard_vectors is not None and self.guard_vectors < 0):
-            counts = f"{self.max_steps} and {self.guard_vectors}"
-            raise ValueError(f"max_steps and guard_vectors must not be negative, got {counts}")
+        check_tolerances(self.rtol, self.atol, self.max_steps)
+        if self.guard_vectors is not None and self.guard_vectors < 0:
+            raise ValueError(f"guard_vectors must not be negative, got {self.guard_vectors}")
 
     @eqx.filter_jit
     def compute(
         self, problem: GeneralizedEigenproblem, k: int, guess: Float[Array, "n g"] | None
-    ) -> EigenSolution:
+    ) -> tuple[EigenSolution, AbstractApproximateInverse | None]:
         n, dtype = problem.size, problem.dtype
         block_size = self._block_size(n, k)
         A, B = block_product(problem.A), block_product(problem.B)
         norm = spectral_norm(A, n, dtype)
         eps = float(jnp.finfo(dtype).eps)
-        rtol = max(self.rtol, _ROUNDINGS * eps)
+        rtol = least_rtol(self.rtol, dtype)
+        inverse = None if self.preconditioner is None else self.preconditioner.prepare(problem)
         iteration = _Iteration(
             A=A,
             B=B,
-            inverse=None if self.preconditioner is None else self.preconditioner.prepare(problem),
+            inverse=inverse,
             constraints=None if self.constraints is None else orthonormalised(B, self.constraints)[:2],
             tolerance=rtol * norm + self.atol,
             separation=min(max(100 * eps / rtol, eps**0.4), 0.5),
@@ -97,17 +96,27 @@ class LOBPCG(AbstractEigensolver):
         residuals = relative_residuals(AX, B(X), X, values, norm)
         converged = final.errors[:k] <= iteration.tolerance
 
-        finite = jnp.isfinite(values).all()
-        for leaf in jax.tree.leaves(eqx.filter(problem, eqx.is_inexact_array)):
-            finite &= jnp.isfinite(leaf).all()
+        finite = jnp.isfinite(values).all() & all_finite(problem)
         mass = cheap_diagonal(problem.B)
         indefinite = final.indefinite if mass is None else final.indefinite | (mass <= 0).any()
         result = RESULTS.where(final.steps >= self.max_steps, RESULTS.max_steps_reached, RESULTS.stagnated)
         result = RESULTS.where(converged.all(), RESULTS.successful, result)
+        result = RESULTS.where(lost_positivity(problem, values, X, norm), RESULTS.negative_energy, result)
         result = RESULTS.where(indefinite, RESULTS.indefinite_mass, result)
         result = RESULTS.where(finite, result, RESULTS.nonfinite_input)
         stats = {"steps": final.steps, "products": final.products, "converged": converged.sum()}
-        return EigenSolution(values, X, residuals, result, stats)
+        return EigenSolution(values, X, residuals, result, stats), inverse
+
+    def deflated_solve(
+        self,
+        state: AbstractApproximateInverse | None,
+        problem: GeneralizedEigenproblem,
+        X: Float[Array, "n m"],
+        values: Float[Array, " k"],
+        right: Float[Array, "n k"],
+    ) -> Float[Array, "n k"]:
+        """Conjugate gradients, preconditioned as the eigensolver is; by the diagonal of A where it is not."""
+        return conjugate_gradients(problem, X, values, right, state)
 
     def _block_size(self, n: int, k: int) -> int:
         constraints = 0

@@ -25,6 +25,10 @@ class RESULTS(eqx.Enumeration):
         "cotangent weights of inner edges that are not positive: `Dec(delaunay=False)` on a mesh that is not Delaunay. "
         "Use `Dec()` or `regge`."
     )
+    negative_energy = (
+        "A is declared positive semi-definite and has an eigenvalue far below zero: its entries are lost in rounding. "
+        "Triangles that are very thin for their size make such matrices. Use float64 if you do not."
+    )
 
 
 class EigenSolution(eqx.Module):

@@ -1,15 +1,15 @@
 """The entries to all eigensolvers: eigenpairs, eigenvalues alone, and spectral functions, all differentiable."""
 
 from collections.abc import Callable
-from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from ..sparse import assembled
 from ._clusters import averaged, cluster_means, individual, whole, without_gauge
+from ._deflated import held
 from ._dense import DenseEigh
 from ._derivatives import Eigenspaces, basis, energies
 from ._problem import GeneralizedEigenproblem
@@ -20,7 +20,6 @@ from ._solver import AbstractEigensolver
 _DENSE_IS_FASTER = 400  # unknowns
 
 _POLICIES = ("error", "mean")
-_Tree = TypeVar("_Tree")
 
 
 def eigsolve(
@@ -165,7 +164,7 @@ def _differentiable(
     k: int,
     vectors: bool,
 ) -> _Found:
-    solution = _compute(problem, guess, solver, k)
+    solution, _ = _compute(problem, guess, solver, k)
     # Clusters matter to derivatives only, and are found there with one more pair.
     alone = jnp.arange(k, dtype=jnp.int32)
     return _Found(solution, jnp.diag(solution.eigenvalues), alone, jnp.zeros(k, bool))
@@ -174,10 +173,11 @@ def _differentiable(
 @_differentiable.def_jvp
 def _(primals, tangents):
     problem, guess, solver, k, vectors = primals
-    wide = _compute(problem, guess, solver, min(k + 1, problem.size))
-    spaces = Eigenspaces.of(_held(problem), wide.eigenvalues, wide.eigenvectors, k, solver)
+    wide, state = _compute(problem, guess, solver, min(k + 1, _room(problem, solver)))
+    spaces = Eigenspaces.of(_held_assembled(problem), wide, k, solver, state)
 
     def of_problem(problem: GeneralizedEigenproblem) -> tuple[Array, Array | None]:
+        problem = spaces.unconstrained(problem)
         return energies(problem, spaces), basis(problem, spaces) if vectors else None
 
     (Lambda, X), (d_Lambda, d_X) = eqx.filter_jvp(of_problem, (problem,), (tangents[0],))
@@ -196,13 +196,21 @@ def _(primals, tangents):
 
 def _compute(
     problem: GeneralizedEigenproblem, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver, k: int
-) -> EigenSolution:
-    held = _held(GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B)))
+) -> tuple[EigenSolution, PyTree]:
+    solution, state = solver.compute(_held_assembled(problem), k, guess)
     # What a solver on the host returns would otherwise be a constant of the tangents' program.
-    return jax.device_put(_held(solver.compute(held, k, guess)))
+    return jax.device_put(held(solution)), state
 
 
-def _held(tree: _Tree) -> _Tree:
-    """The same tree, its arrays constant to derivatives; an operator may hold functions besides."""
-    arrays, others = eqx.partition(tree, eqx.is_array)
-    return eqx.combine(jax.lax.stop_gradient(arrays), others)
+def _held_assembled(problem: GeneralizedEigenproblem) -> GeneralizedEigenproblem:
+    return held(GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B)))
+
+
+def _room(problem: GeneralizedEigenproblem, solver: AbstractEigensolver) -> int:
+    """How many eigenpairs there are."""
+    if solver.constraints is None:
+        return problem.size
+    n, c = solver.constraints.shape
+    if n != problem.size:
+        raise ValueError(f"constraints must have shape [{problem.size}, any], got {[n, c]}")
+    return n - c
