@@ -46,7 +46,7 @@ def name_of(A: sp.csc_array, B: sp.csc_array, method: str) -> np.ndarray:
     digest = hashlib.blake2b(method.encode(), digest_size=4 * NAME_WORDS)
     for matrix in (A, B):
         for array in (matrix.indptr, matrix.indices, matrix.data):
-            digest.update(np.ascontiguousarray(array))
+            digest.update(np.ascontiguousarray(array).data)
     return np.frombuffer(digest.digest(), np.uint32)
 
 

@@ -57,7 +57,7 @@ class LOBPCG(AbstractEigensolver):
     By default 1 and a fifth of k, rounded up to a block of a whole four.
     """
     preconditioner: AbstractPreconditioner | None = None
-    constraints: Float[Array, "n c"] | None = None
+    constraints: Float[Array, "n c"] | None = None  # pyright: ignore[reportIncompatibleMethodOverride]
     """Columns to stay B-orthogonal to, eigenvectors already known say; residuals are taken orthogonally to them."""
     seed: int = eqx.field(default=0, static=True)
     """Of the random starting vectors."""
@@ -105,7 +105,7 @@ class LOBPCG(AbstractEigensolver):
         result = RESULTS.where(indefinite, RESULTS.indefinite_mass, result)
         result = RESULTS.where(finite, result, RESULTS.nonfinite_input)
         stats = {"steps": final.steps, "products": final.products, "converged": converged.sum()}
-        return EigenSolution(values, X, residuals, result, stats), inverse
+        return EigenSolution(values, X, residuals, result, dict(stats)), inverse
 
     def deflated_solve(
         self,

@@ -84,7 +84,7 @@ class ScipyEigsh(AbstractEigensolver):
         for number, failure in enumerate(_FAILURES, start=1):
             result = RESULTS.where(found.outcome == number, failure, result)
         stats = {"solves": found.solves, "factorizations": found.factorizations}
-        solution = EigenSolution(found.eigenvalues, found.eigenvectors, found.residuals, result, stats)
+        solution = EigenSolution(found.eigenvalues, found.eigenvectors, found.residuals, result, dict(stats))
         return solution, name
 
     def _solve(

@@ -109,9 +109,10 @@ def spectral_norm(A: sp.csc_array) -> float:
     """‖A‖₂ of a symmetric matrix, from below and within a few per cent."""
     if not A.data.any():
         return 0.0
-    if A.shape[0] < 3:
+    n = len(A.diagonal())
+    if n < 3:
         return float(np.linalg.norm(A.toarray(), 2))
-    start = np.random.default_rng(0).standard_normal(len(A.diagonal()))
+    start = np.random.default_rng(0).standard_normal(n)
     found = eigsh(A, 1, v0=start, tol=0.01, return_eigenvectors=False)  # pyright: ignore[reportArgumentType]
     return float(np.abs(found).max())
 

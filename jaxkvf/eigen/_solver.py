@@ -17,8 +17,10 @@ class AbstractEigensolver(eqx.Module):
     this class, where what `compute` prepares (a factorization, a preconditioner) shall serve the derivatives too.
     """
 
-    constraints: eqx.AbstractVar[Float[Array, "n c"] | None]
-    """Columns that all eigenvectors are B-orthogonal to; None for none. Constant to derivatives."""
+    @property
+    @abc.abstractmethod
+    def constraints(self) -> Float[Array, "n c"] | None:
+        """Columns that all eigenvectors are B-orthogonal to; None for none. Constant to derivatives."""
 
     @abc.abstractmethod
     def compute(
