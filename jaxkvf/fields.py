@@ -3,13 +3,11 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .eigen import (
     RESULTS,
     AbstractEigensolver,
-    DenseEigh,
     GeneralizedEigenproblem,
     check_count,
     cluster_labels,
@@ -19,7 +17,7 @@ from .eigen import (
 from .geometry import edge_lengths, embed, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
 from .mesh import Topology, TriangleMesh, check_fits
-from .solvers import chosen_solver
+from .solvers import chosen_solver, working_memory
 
 EXACT = 1e-3
 """λ · area below which a symmetry counts as exact up to discretization. Dimensionless."""
@@ -166,22 +164,13 @@ def _posed(
     solver: AbstractEigensolver | None,
 ) -> tuple[GeneralizedEigenproblem, AbstractEigensolver, str]:
     """The problem, a solver for it, and why this one."""
-    check_fits(_working_memory(topology.n_vertices, k, solver), f"solving on {topology.n_vertices} vertices")
+    needed = working_memory(topology, discretization, k, solver)
+    check_fits(needed, f"solving on {topology.n_vertices} vertices")
     problem = _assemble(discretization, lengths, topology)
     check_count(k, problem.size)  # before a solver is chosen and built for it
     if solver is not None:
         return problem, solver, "the caller's"
     return problem, *chosen_solver(lengths, topology, discretization, k)
-
-
-def _working_memory(n_vertices: int, k: int, solver: AbstractEigensolver | None) -> int:
-    """Bytes that a solve takes, roughly: dense matrices, or sparse ones with factors that fill in.
-
-    SuperLU on one-forms, the most, took 25 kB a vertex at 40,000 vertices and 33 kB at 160,000.
-    """
-    sparse = n_vertices * int(1_900 * np.log2(n_vertices) + 8 * 2 * 4 * k)
-    dense = 4 * 8 * (2 * n_vertices) ** 2
-    return dense if isinstance(solver, DenseEigh) else min(sparse, dense)
 
 
 # Assembly and finish are jitted, the solve between them is not: a solver on the host then needs no callback, and compiled

@@ -9,6 +9,8 @@ import pytest
 import jaxkvf
 from jaxkvf import eigen, shapes
 from jaxkvf.eigen import LOBPCG, DenseEigh, GeneralizedEigenproblem, ScipyEigsh, eigsolve, spectral_sum
+from jaxkvf.killing import vector_hierarchy
+from jaxkvf.preconditioning import Multigrid
 
 SOLVERS = {"dense": DenseEigh(), "scipy": ScipyEigsh(), "lobpcg": LOBPCG(rtol=1e-13)}
 N, K = 30, 4
@@ -177,7 +179,10 @@ def noisy():
 @pytest.mark.parametrize("solver", [None, "multigrid"], ids=["default", "multigrid"])
 def test_hessian_vector_products_on_a_mesh(noisy, solver):
     if solver == "multigrid":
-        solver = jaxkvf.multigrid_solver(noisy, rtol=1e-12)
+        lengths = jaxkvf.geometry.edge_lengths(noisy.vertices, noisy.topology)
+        hierarchy = vector_hierarchy(lengths, noisy.topology, direct_below=10)
+        assert len(hierarchy) == 2
+        solver = LOBPCG(rtol=1e-12, preconditioner=Multigrid(hierarchy))
     direction = jnp.asarray(np.random.default_rng(0).standard_normal(noisy.vertices.shape))
 
     @jax.jit

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
+import jaxkvf
 from jaxkvf import geometry as g
 from jaxkvf import shapes
 from jaxkvf.killing import vector_hierarchy
@@ -73,3 +74,23 @@ def test_owners_are_the_nearest_along_the_graph():
     assert np.isin(owner, coarse).all()
     vertices = np.arange(len(parents))
     np.testing.assert_array_equal(steps[vertices, owner], steps[:, coarse].min(axis=1))
+
+
+@pytest.mark.parametrize("corners", [3, 4])
+def test_pieces_of_a_node_do_not_make_the_coarsest_level_large(corners):
+    """1,000 loose triangles or tetrahedra: each is a node on the coarsest level, that stands alone there."""
+    mesh, count = shapes.bumpy_sphere(10), 1000
+    speck = np.eye(4, 3, -1)[:corners]
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])[: 4 if corners == 4 else 1]
+    places = np.random.default_rng(0).uniform(-5, 5, (count, 1, 3))
+    vertices = np.concatenate([np.asarray(mesh.vertices), (places + 0.01 * speck).reshape(-1, 3)])
+    pieces = mesh.topology.n_vertices + corners * np.arange(count)[:, None, None] + faces
+    specked = jaxkvf.TriangleMesh.from_arrays(
+        vertices, np.concatenate([np.asarray(mesh.faces), pieces.reshape(-1, 3)])
+    )
+    lengths = g.edge_lengths(specked.vertices, specked.topology)
+    hierarchy = vector_hierarchy(lengths, specked.topology)
+    assert len(hierarchy) == 1
+    assert len(hierarchy[-1].alone) == count
+    assert 1 < len(hierarchy[-1].joined) <= 200
+    assert len(hierarchy[-1].joined) + count == hierarchy[-1].interpolation.n_coarse

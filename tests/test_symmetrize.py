@@ -105,7 +105,7 @@ def test_the_solver_of_large_meshes_goes_the_same_way(small, monkeypatch):
     """With a preconditioner that is made anew after 4 and 8 steps; also from a state between the two."""
     go_on = {"rtol": 0.0, "atol": 0.0}
     expected = jaxkvf.symmetrize(small, max_steps=12, **go_on)
-    monkeypatch.setattr("jaxkvf.symmetrization._symmetrize._MULTIGRID_FROM", 0)
+    monkeypatch.setattr("jaxkvf.solvers._MANY_SOLVES_FROM", 0)
     whole = jaxkvf.symmetrize(small, max_steps=12, **go_on)
     for one, other in zip(whole.history, expected.history, strict=True):
         assert one.evaluations == other.evaluations

@@ -25,7 +25,7 @@ _HOPS = 2  # coarse points are further apart than this: the loops nested in `_in
 _SLOTS = 5  # coarse points that a vertex is interpolated from; six spare no steps
 _ANISOTROPY = 3  # longer edges, times the shortest at an end, join nothing: slivers coarsen along one way
 _RIDGE = 1e-3  # keeps the linear part of the fit bounded where coarse points lie on a line
-_STALLED = 0.6  # coarsening that leaves more nodes than this is not worth a level
+_STALLED = 0.6  # coarsening along short edges that leaves more nodes than this is not worth a level
 _CHUNK = 1 << 14  # vertices that one thread interpolates at a time
 _SEED = 0
 
@@ -41,7 +41,7 @@ def vector_hierarchy(
     Args:
         lengths: of the edges, concrete. Unit: any.
         topology: connectivity.
-        direct_below: number of nodes at which no coarser level is needed.
+        direct_below: number of nodes at which no coarser level is needed; components of one node do not count.
 
     Raises:
         ValueError: not one length an edge.
@@ -50,6 +50,7 @@ def vector_hierarchy(
         raise ValueError(
             f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
         )
+    lengths = lengths / lengths.mean()  # weights are blind to scale: squares of squares shall not overflow
     outward = np.exp(1j * np.asarray(_edge_angles(lengths, topology), np.float64))
     graph = _Graph(
         n=topology.n_vertices,
@@ -59,12 +60,10 @@ def vector_hierarchy(
     )
     operator_edges, coarsenings = graph.edges, []
     random = np.random.default_rng(_SEED)
-    while graph.n > direct_below:
-        interpolation, coarse = _coarsened(graph, random)
-        if coarse.n > _STALLED * graph.n:  # components of a node or two each are all that is left
-            break
+    while _are_joined_to_others(graph).sum() > direct_below:
+        interpolation, graph = _coarsened(graph, random)
         coarsenings.append(Coarsening.build(interpolation, operator_edges))
-        graph, operator_edges = coarse, np.asarray(coarsenings[-1].coarse_edges)
+        operator_edges = np.asarray(coarsenings[-1].coarse_edges)
     return tuple(coarsenings)
 
 
@@ -103,9 +102,9 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
     order = np.empty(n, np.int32)
     order[n - 1 - random.permutation(n)] = np.arange(n)
     joined = Sparsity.of_graph(edges, n, along=_are_joined(graph))
-    chosen = _independent_set(joined, order)
-    if chosen.sum() > _STALLED * n:
-        joined = Sparsity.of_graph(edges, n)
+    chosen, others = _independent_set(joined, order), _are_joined_to_others(graph)
+    if chosen[others].sum() > _STALLED * others.sum():
+        joined = Sparsity.of_graph(edges, n)  # half of them at most are chosen then
         chosen = _independent_set(joined, order)
     own, n_coarse = _owners(joined, chosen, graph), int(chosen.sum())
     coarse, views, ends = _coarse_graph(graph, own, _bridges(graph, own, n_coarse), n_coarse)
@@ -123,6 +122,13 @@ def _coarsened(graph: _Graph, random: np.random.Generator) -> tuple[Interpolatio
         hops=_HOPS,
     )
     return interpolation, coarse
+
+
+def _are_joined_to_others(graph: _Graph) -> Bool[np.ndarray, " n"]:
+    """Which nodes have neighbours: the others are components of their own, which no coarsening makes fewer."""
+    joined = np.zeros(graph.n, np.bool_)
+    joined[graph.edges.ravel()] = True
+    return joined
 
 
 @compiled

@@ -100,6 +100,10 @@ class Coarsening(eqx.Module):
     """The order of its blocks that puts those on the diagonal first."""
     coarse_edges: Int[Array, "coarse_e 2"]
     """Graph of the coarse operator, which reaches further than the edges of the interpolation's coarse graph."""
+    joined: Int[Array, " j"]
+    """Coarse nodes that have edges."""
+    alone: Int[Array, " a"]
+    """Those that have none: components of one node."""
 
     @classmethod
     def build(cls, interpolation: Interpolation, edges: Int[np.ndarray, "e 2"]) -> "Coarsening":
@@ -113,6 +117,9 @@ class Coarsening(eqx.Module):
         galerkin, coarse = ProductLayout.build(R, K_P, upper=True)
         places = np.stack([coarse.rows, coarse.columns], axis=1)
         on_diagonal = places[:, 0] == places[:, 1]
+        coarse_edges = places[~on_diagonal].astype(np.int32)
+        has_edges = np.zeros(interpolation.n_coarse, bool)
+        has_edges[coarse_edges] = True
         return cls(
             interpolation=interpolation,
             operator=RowLayout.build(K),
@@ -121,7 +128,9 @@ class Coarsening(eqx.Module):
             half=half,
             galerkin=galerkin,
             diagonal_first=jax.device_put(np.argsort(~on_diagonal, kind="stable").astype(np.int32)),
-            coarse_edges=jax.device_put(places[~on_diagonal].astype(np.int32)),
+            coarse_edges=jax.device_put(coarse_edges),
+            joined=jax.device_put(np.flatnonzero(has_edges).astype(np.int32)),
+            alone=jax.device_put(np.flatnonzero(~has_edges).astype(np.int32)),
         )
 
     def coarse_operator(

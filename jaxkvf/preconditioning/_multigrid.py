@@ -22,6 +22,7 @@ from ..sparse import (
     times,
 )
 from ._coarsening import Coarsening
+from ._coarsest import Direct
 from ._smoothing import Smoother
 
 _MORE_BELOW = 4  # smoothing steps on the coarser levels, where they cost little and spare LOBPCG steps
@@ -31,11 +32,12 @@ class Multigrid(AbstractPreconditioner):
     """One V-cycle for A + sB, symmetric and positive definite, on a hierarchy of ever coarser graphs.
 
     Coarse operators are Galerkin products PᵀKP, smoothing is by Chebyshev polynomials over block Jacobi, the coarsest
-    problem is solved directly. All numbers but the interpolation's weights come from the problem, so that one `Multigrid`
-    serves while its entries change. A and B must be, or assemble to, `SymmetricBlockOperator`s on the graph that the
-    hierarchy was built for. A is positive semi-definite. Each off-diagonal block of B is a positive multiple of the rotation
-    that carries components from the column's frame to the row's, as in a mass matrix with transport along the edges (of 1
-    for scalars); where it is zero, the frames are taken to agree.
+    problem is solved directly: as one dense matrix, but for components that are down to a node each. All numbers but the
+    interpolation's weights come from the problem, so that one `Multigrid` serves while its entries change. A and B must be,
+    or assemble to, `SymmetricBlockOperator`s on the graph that the hierarchy was built for; A positive semi-definite. Each
+    off-diagonal block of B is a positive multiple of the rotation that carries components from the column's frame to the
+    row's, as in a mass matrix with transport along the edges (of 1 for scalars); where it is zero, the frames are taken to
+    agree.
     """
 
     hierarchy: tuple[Coarsening, ...]
@@ -55,6 +57,17 @@ class Multigrid(AbstractPreconditioner):
         if self.nested_steps < 0:
             raise ValueError(f"nested_steps must not be negative, got {self.nested_steps}")
 
+    def __str__(self) -> str:
+        """The levels, and the operator complexity: blocks of the operators of all levels, over those of the finest."""
+        if not self.hierarchy:
+            return "Multigrid of one level: a direct solve"
+        finest, edges = self.hierarchy[0].interpolation, [len(c.coarse_edges) for c in self.hierarchy]
+        nodes = [finest.weights.shape[1], *(c.interpolation.n_coarse for c in self.hierarchy)]
+        blocks = [n + 2 * m for n, m in zip(nodes, [finest.n_edges, *edges], strict=True)]
+        lines = [f"  {n:>10,} nodes, {count:>11,} blocks" for n, count in zip(nodes, blocks, strict=True)]
+        complexity = f"operator complexity {sum(blocks) / blocks[0]:.2f}"
+        return "\n".join([f"Multigrid of {len(nodes)} levels, {complexity}", *lines])
+
     def prepare(self, problem: GeneralizedEigenproblem) -> AbstractApproximateInverse:
         """The cycle for this problem.
 
@@ -72,16 +85,18 @@ class Multigrid(AbstractPreconditioner):
             (A.upper + shift * B.upper).astype(dtype),
             A.graph,
         )
-        length = jnp.linalg.norm(B.upper, axis=(1, 2), keepdims=True) / B.block_size**0.5
-        stay = jnp.eye(B.block_size, dtype=B.upper.dtype)[None]
-        turns = jnp.where(length > 0, B.upper / jnp.where(length > 0, length, 1), stay).astype(dtype)
+        turns = _directions(B.upper).astype(dtype)
         masses = (b.mean(axis=1) / b.mean()).astype(dtype)
         levels = []
         for coarsening in self.hierarchy:
             degree = self.degree + (_MORE_BELOW if levels else 0)
             level, K, turns, masses = _Level.descend(coarsening, K, turns, masses, degree)
             levels.append(level)
-        return _VCycle(tuple(levels), _Direct.factorize(K, masses), self.nested_steps)
+        nodes = jnp.arange(len(masses), dtype=jnp.int32)
+        joined, alone = (
+            (self.hierarchy[-1].joined, self.hierarchy[-1].alone) if levels else (nodes, nodes[:0])
+        )
+        return _VCycle(tuple(levels), Direct.factorize(K, masses, joined, alone), self.nested_steps)
 
     def _checked(self, operator: lx.AbstractLinearOperator) -> SymmetricBlockOperator:
         while isinstance(operator, lx.TaggedLinearOperator):
@@ -105,23 +120,13 @@ class Multigrid(AbstractPreconditioner):
         return operator
 
 
-class _Direct(eqx.Module):
-    """K on the coarsest level, D^½ V diag(w) Vᵀ D^½ with the masses D: a solve and an eigenproblem at once."""
-
-    values: Float[Array, " n"]
-    vectors: Float[Array, "n n"]
-    """D^−½ V: eigenvectors of K x = w D x."""
-
-    @classmethod
-    def factorize(cls, K: SymmetricBlockOperator, masses: Float[Array, " nodes"]) -> "_Direct":
-        half = jnp.repeat(jax.lax.rsqrt(masses), K.block_size)
-        values, V = jnp.linalg.eigh(half[:, None] * K.as_matrix() * half[None, :])
-        # K is positive definite, but in rounding; a preconditioner must be so in fact.
-        least = jnp.finfo(values.dtype).eps * values[-1]
-        return cls(jnp.maximum(values, least), half[:, None] * V)
-
-    def solve(self, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
-        return self.vectors @ ((self.vectors.T @ block) / self.values[:, None])
+def _directions(blocks: Float[Array, "m b b"]) -> Float[Array, "m b b"]:
+    """The rotations of which these are positive multiples, of any size; no rotation for 0."""
+    size = jnp.abs(blocks).max(axis=(1, 2), keepdims=True)
+    blocks = blocks / jnp.where(size > 0, size, 1)
+    length = jnp.linalg.norm(blocks, axis=(1, 2), keepdims=True) / blocks.shape[1] ** 0.5
+    stay = jnp.eye(blocks.shape[1], dtype=blocks.dtype)[None]
+    return jnp.where(length > 0, blocks / jnp.where(length > 0, length, 1), stay)
 
 
 class _Level(eqx.Module):
@@ -177,7 +182,7 @@ class _VCycle(AbstractApproximateInverse):
     """(A + sB)⁻¹, nearly."""
 
     levels: tuple[_Level, ...]
-    direct: _Direct
+    direct: Direct
     nested_steps: int = eqx.field(static=True)
 
     def apply(self, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
@@ -200,7 +205,7 @@ class _VCycle(AbstractApproximateInverse):
         ones, which a Ritz step among more vectors than wanted undoes.
         """
         wide = count + count // 2
-        values, x = self.direct.values[:wide], self.direct.vectors[:, :wide]
+        values, x = self.direct.lowest(wide)
         for depth in reversed(range(len(self.levels))):
             level = self.levels[depth]
             x = level.P(x)

@@ -1,4 +1,9 @@
-"""Sparse operators: their parts, products with blocks of vectors, and the way to SciPy. Knows nothing of meshes."""
+"""Sparse operators: written once as a formula, used as products in JAX and as SciPy matrices. Knows nothing of meshes.
+
+For a discretization of your own: `RowSparseOperator`, `SymmetricBlockOperator` on a `Graph`, and what lineax makes of them;
+`declare_leaf`, `assembled` and `matmat` for new kinds; `to_scipy` for their matrices. For a solver or preconditioner:
+`block_product`, diagonals, the norm, arithmetic with blocks, and patterns with their layouts.
+"""
 
 from ._block_product import BlockProduct as BlockProduct
 from ._block_product import block_product as block_product

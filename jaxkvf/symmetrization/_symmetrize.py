@@ -22,7 +22,7 @@ from ..eigen import (
 )
 from ..geometry import corner_angles
 from ..mesh import TriangleMesh
-from ..solvers import multigrid_preconditioner
+from ..solvers import preconditioner_for_many_solves
 from ._objective import Accepted, Evaluation, SquaredObjective, SymmetryObjective
 from ._outcome import OUTCOMES, State, Step, Symmetrization
 from ._surface import Surface
@@ -30,8 +30,6 @@ from ._targets import AbstractTarget, LowestFields, killing_problem
 from ._terms import AbstractTerm, LengthFidelity, PositionFidelity, ShapeBarrier
 from ._unknowns import AbstractUnknowns, Displacements, EdgeLengths
 
-_MULTIGRID_FROM = 4_000  # vertices; smaller meshes are solved before multigrid is compiled
-_COMPILED_MULTIGRID_FROM = 2_000  # where compiled programs are kept from run to run
 _RESIDUAL = 3e-9  # of the eigensolves: gradients inherit it to first order
 _PREPARED_AFTER = {2**i for i in range(2, 30)}  # accepted steps: they become smaller and smaller
 _DOUBTFUL = 3  # rejected steps in a row
@@ -120,10 +118,7 @@ def symmetrize(
     elif callback is not None:
         callback(history[0])
     goal = rtol * _asymmetry(state.history[0], chosen) + atol
-    kept = bool(jax.config.jax_compilation_cache_dir)  # pyright: ignore[reportAttributeAccessIssue]
-    least = _COMPILED_MULTIGRID_FROM if kept else _MULTIGRID_FROM
-    worth_it = solver is None and mesh.topology.n_vertices >= least
-    multigrid = multigrid_preconditioner(mesh) if worth_it else None
+    multigrid = preconditioner_for_many_solves(mesh) if solver is None else None
     state, outcome = _minimised(
         minimiser,
         objective,
