@@ -19,7 +19,7 @@ import numpy as np
 from ..fields import KillingFields, killing_fields
 from ..files import write_whole
 from ..geometry import edge_lengths, mean_edge_length, normal_displacements
-from ..mesh import TriangleMesh, shapes
+from ..mesh import Attributes, TriangleMesh, read_attributes, shapes
 from ..symmetrization import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
 from ._flow import add_flow_commands
 from ._mesh import add_mesh_commands
@@ -27,9 +27,11 @@ from ._report import add_report_command
 from ._terminal import (
     READABLE,
     add_up_option,
+    as_options,
     check_writable,
     draw_picture,
     positive,
+    save_mesh,
     size_of,
     upright,
     with_suffix,
@@ -55,7 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         report = options.run(options, console)
     except (ValueError, OSError, RuntimeError, MemoryError, ImportError) as failure:
-        print(f"jaxkvf: {_message(failure)}", file=sys.stderr)
+        print(f"jaxkvf: {as_options(_message(failure))}", file=sys.stderr)
         return 1
     if options.json:
         json.dump(report, sys.stdout, indent=2)
@@ -170,12 +172,14 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     check_writable(options.output, options.changes, options.picture)
     with console.status("reading"):
         if options.mesh is None:
+            attributes = Attributes()
             name, mesh = (
                 "built-in vase, noise of 5 % of the mean edge",
                 shapes.add_normal_noise(shapes.vase(), 0.05, seed=0),
             )
         else:
             name, mesh = options.mesh.name, TriangleMesh.load(options.mesh)
+            attributes = read_attributes(options.mesh)
 
     columns = (
         TextColumn("symmetrizing"),
@@ -195,7 +199,7 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     if done.mesh is None or done.result == OUTCOMES.eigensolver_failed:
         raise RuntimeError(OUTCOMES[done.result])
     result = done.mesh
-    result.save(options.output)
+    save_mesh(result, options.output, attributes, console)
 
     k = options.count + 2
     before, after = killing_fields(mesh, k), killing_fields(result, k)
@@ -205,7 +209,6 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
     console.print(_account_table(account))
     if done.result != OUTCOMES.successful:
         console.print(OUTCOMES[done.result], style="yellow")
-    console.print(f"wrote {options.output}")
     if options.changes is not None:
         from ..viz import save_colored_mesh  # noqa: PLC0415
 

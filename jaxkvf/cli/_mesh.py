@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 from ..files import check_can_be_written
 from ..mesh import MeshReport, check, repair
+from ._terminal import as_options, positive, save_mesh
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 _STEPS = {
+    "triangulate": "cut quads and other polygons into triangles",
     "drop_invalid": "drop vertices without a finite position, their faces, and faces of missing vertices",
-    "drop_degenerate": "drop faces with a repeated corner or of zero area",
+    "drop_degenerate": (
+        "drop faces of fewer than three different corners; take flat faces out so that the surface stays closed"
+    ),
     "drop_duplicate_faces": "of faces over the same three vertices keep the first",
     "split_nonmanifold": "cut along edges of more than two faces, split vertices where sheets touch",
-    "orient": "turn faces over until neighbours agree",
+    "orient": "turn faces over until neighbours agree and closed pieces look outwards",
     "drop_unreferenced": "drop vertices of no face",
 }
 
@@ -44,11 +48,21 @@ def add_mesh_commands(commands: Any, readable: str, writable: Callable[[str], Pa
         const=True,
         default=False,
         metavar="DISTANCE",
-        help="merge vertices at equal positions, or closer than this",
+        help="merge vertices at equal positions, or closer than this; `check` says how close",
     )
     for step, explanation in _STEPS.items():
         repairing.add_argument(f"--{step.replace('_', '-')}", action="store_true", help=explanation)
     repairing.add_argument("--all", action="store_true", help="all of these; merge only equal positions")
+    repairing.add_argument(
+        "--keep-largest",
+        type=positive,
+        default=0,
+        metavar="N",
+        help="keep the N connected pieces of the largest area",
+    )
+    repairing.add_argument(
+        "--to-origin", action="store_true", help="move the middle of the mesh to the origin"
+    )
     repairing.set_defaults(run=_repair)
     for command in (checking, repairing):
         command.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -58,7 +72,7 @@ def _check(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     """Lists what is wrong with a mesh: errors, which every other command refuses, and remarks."""
     with console.status("checking"):
         report = check(options.mesh)
-    console.print(f"{options.mesh}: {report}", markup=False, highlight=False)
+    console.print(f"{options.mesh}: {as_options(str(report))}", markup=False, highlight=False)
     return {"mesh": str(options.mesh), **_describe(report)}
 
 
@@ -67,14 +81,19 @@ def _repair(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     check_can_be_written(options.output)
     steps = {step: options.all or getattr(options, step) for step in _STEPS}
     with console.status("repairing"):
-        done = repair(options.mesh, merge_duplicates=options.merge_duplicates or options.all, **steps)
+        done = repair(
+            options.mesh,
+            merge_duplicates=options.merge_duplicates or options.all,
+            keep_largest=options.keep_largest,
+            to_origin=options.to_origin,
+            **steps,
+        )
         left = done.report
     for action in done.actions or ("nothing to do",):
         console.print(action, markup=False, highlight=False)
-    console.print(str(left), markup=False, highlight=False)
+    console.print(as_options(str(left)), markup=False, highlight=False)
     if left.ok:
-        done.mesh.save(options.output)
-        console.print(f"wrote {options.output}")
+        save_mesh(done.mesh, options.output, done.attributes, console)
     return {
         "mesh": str(options.mesh),
         "actions": list(done.actions),
@@ -84,4 +103,7 @@ def _repair(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
 
 
 def _describe(report: MeshReport) -> dict[str, Any]:
-    return {**asdict(report), "ok": report.ok}
+    described = asdict(report)
+    for finding in (*described["errors"], *described["remarks"]):
+        finding["remedy"] = as_options(finding["remedy"])
+    return {**described, "ok": report.ok}

@@ -1,13 +1,14 @@
 """What the commands of the command line share: arguments, files, pictures."""
 
 import argparse
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..fields import KillingFields
 from ..files import check_can_be_written
-from ..mesh import TriangleMesh
+from ..mesh import Attributes, TriangleMesh
 from ..report import symmetry_axis
 
 if TYPE_CHECKING:
@@ -57,6 +58,30 @@ def check_writable(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             check_can_be_written(path)
+
+
+def as_options(text: str) -> str:
+    """A message in which calls of `repair` are commands: `repair(…, orient=True)` is `jaxkvf repair … --orient`."""
+
+    def command(call: re.Match[str]) -> str:
+        steps = [argument.partition("=") for argument in call[1].split(", ")]
+        given = [
+            f"--{name.replace('_', '-')}" + ("" if value == "True" else f" {value}")
+            for name, _, value in steps
+        ]
+        return "`jaxkvf repair MESH -o OUT " + " ".join(given) + "`"
+
+    return re.sub(r"repair\(…, ([^)]*)\)", command, text)
+
+
+def save_mesh(mesh: TriangleMesh, path: Path, attributes: Attributes, console: "Console") -> None:
+    """Writes a mesh with what its format holds of colours and texture coordinates; says what it does not."""
+    held, lost = attributes.held_by(path.suffix.lower())
+    mesh.save(path, held)
+    console.print(f"wrote {path}", markup=False, highlight=False)
+    if lost:
+        note = f"{path.suffix.lower()} files hold no {', '.join(lost)}: left out"
+        console.print(note, style="yellow", markup=False, highlight=False)
 
 
 def draw_picture(

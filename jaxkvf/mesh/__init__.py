@@ -1,13 +1,14 @@
 """Triangle meshes: connectivity, positions, files and shapes."""
 
 from . import shapes as shapes
+from ._attributes import Attributes as Attributes
 from ._check import Finding as Finding
 from ._check import MeshReport as MeshReport
 from ._check import check as check
 from ._errors import MeshError as MeshError
 from ._errors import MeshTooLargeError as MeshTooLargeError
 from ._errors import check_fits as check_fits
-from ._io import Attributes as Attributes
+from ._io import read_attributes as read_attributes
 from ._io import write_mesh as write_mesh
 from ._repair import Repair as Repair
 from ._repair import repair as repair

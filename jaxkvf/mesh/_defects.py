@@ -70,16 +70,26 @@ def coincident(vertices: Float[np.ndarray, "V 3"], tolerance: float = 0.0) -> In
         MeshTooLargeError: the tolerance is so large that the pairs within it do not fit into memory.
     """
     if tolerance > 0:
-        tree = KDTree(vertices)
-        check_fits(24 * int(tree.count_neighbors(tree, tolerance)), f"merging vertices within {tolerance:g}")
-        pairs = tree.query_pairs(tolerance, output_type="ndarray")
-        graph = coo_array((np.ones(len(pairs), bool), tuple(pairs.T)), shape=(len(vertices), len(vertices)))
-        _, group = connected_components(graph, directed=False)
-    else:
-        _, group = np.unique(vertices, axis=0, return_inverse=True)
-    group = group.ravel()
-    first = np.full(len(vertices), len(vertices))
-    np.minimum.at(first, group, np.arange(len(vertices)))
+        unit = 2.0 ** np.clip(
+            np.floor(np.log2(tolerance)), -1021, 1021
+        )  # squares of distances leave the range
+        with np.errstate(over="ignore"):
+            tree = KDTree(vertices.astype(np.float64) / unit)
+        within = tolerance / unit
+        check_fits(24 * int(tree.count_neighbors(tree, within)), f"merging vertices within {tolerance:g}")
+        return linked(tree.query_pairs(within, output_type="ndarray"), len(vertices))
+    _, group = np.unique(vertices, axis=0, return_inverse=True)
+    return _first_of(group.ravel())
+
+
+def linked(pairs: Int[np.ndarray, "n 2"], count: int) -> Int[np.ndarray, " count"]:
+    """For each of `count` things the first that pairs link it to, over any number of others."""
+    return _first_of(_components(pairs, count)[1])
+
+
+def _first_of(group: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    first = np.full(len(group), len(group))
+    np.minimum.at(first, group, np.arange(len(group)))
     return first[group]
 
 
@@ -122,6 +132,13 @@ class Gluing(NamedTuple):
         """Number of pieces joined across edges of two faces, and the piece of each face."""
         pairs = self._inner_pairs()
         return _components(pairs // 3, len(self.halfedge_edges) // 3)
+
+    def pieces(self) -> tuple[int, Int[np.ndarray, " F"]]:
+        """Number of pieces joined across edges of any number of faces, and the piece of each face."""
+        order = np.argsort(self.halfedge_edges, kind="stable")
+        same = np.flatnonzero(np.diff(self.halfedge_edges[order]) == 0)
+        pairs = np.stack([order[same], order[same + 1]], axis=1) // 3
+        return _components(pairs, len(self.halfedge_edges) // 3)
 
     def fans(self) -> tuple[Int[np.ndarray, " H"], Int[np.ndarray, " n"]]:
         """Fan of faces that each corner (by its halfedge) belongs to around its vertex, and the vertex of each fan."""

@@ -3,10 +3,12 @@
 import os
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ._attributes import NO_ATTRIBUTES, Attributes
 from ._defects import Gluing
 from ._io import read_mesh, write_mesh
 from ._topology import Topology
@@ -43,20 +45,35 @@ class TriangleMesh(eqx.Module):
     def load(cls, path: str | os.PathLike[str]) -> "TriangleMesh":
         """The mesh in an OBJ, PLY, OFF or STL file, its vertices in the file's order (texture seams do not split them).
 
+        Colours and texture coordinates are no part of a mesh: `read_attributes(path)` reads them, `save` writes them.
+
         Raises:
             OSError: the file cannot be read.
             MeshError: its content is not an oriented manifold triangle mesh with positive areas.
         """
         return cls.from_arrays(*read_mesh(path))
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str], attributes: Attributes = NO_ATTRIBUTES) -> None:
         """Writes the mesh to `path` (OBJ, PLY, OFF or STL by its ending) under a temporary name, then renames it.
+
+        Args:
+            path: the file.
+            attributes: colours, scalars and texture coordinates beside it, such as `read_attributes` found in another file.
 
         Raises:
             OSError: the file cannot be written; nothing is left behind.
-            ValueError: unknown ending.
+            ValueError: unknown ending, or attributes that do not fit or that the format does not hold.
+            MeshError: STL, whose float32 would merge vertices or flatten faces.
         """
-        write_mesh(path, np.asarray(self.vertices, np.float64), np.asarray(self.faces))
+        write_mesh(path, np.asarray(self.vertices, np.float64), np.asarray(self.faces), attributes)
+
+    @property
+    def area(self) -> Float[Array, ""]:
+        """Area of the surface, in the square of the unit of length."""
+        a, b, c = (self.vertices[self.faces[:, corner]] for corner in range(3))
+        unit = jax.lax.stop_gradient(jnp.abs(b - a).max())
+        across = jnp.cross((b - a) / unit, (c - a) / unit)
+        return unit * unit * (jnp.sqrt((across * across).sum(axis=1)).sum() / 2)
 
     @property
     def faces(self) -> Int[Array, "F 3"]:

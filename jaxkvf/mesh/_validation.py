@@ -5,6 +5,7 @@ from jaxtyping import Float, Int
 
 from . import _defects
 from ._errors import MeshError
+from ._polygons import Polygons
 
 _MOST_NAMED = 5
 
@@ -30,7 +31,10 @@ def face_array(faces: object) -> Int[np.ndarray, "F 3"]:
         raise MeshError("the mesh has no faces; at least one triangle is needed")
     if array.ndim != 2 or array.shape[1] != 3:
         remedy = (
-            "; the faces are quads: triangulate them first" if array.ndim == 2 and array.shape[1] == 4 else ""
+            f"; the faces are {'quads' if array.shape[1] == 4 else 'polygons'}: triangulate them first, by "
+            "repair(…, triangulate=True)"
+            if array.ndim == 2 and array.shape[1] > 3
+            else ""
         )
         raise MeshError(
             f"faces must be an integer array of shape [F, 3], got shape {list(array.shape)}{remedy}"
@@ -38,6 +42,33 @@ def face_array(faces: object) -> Int[np.ndarray, "F 3"]:
     if not np.issubdtype(array.dtype, np.integer):
         raise MeshError(f"faces must have an integer dtype, got {array.dtype}")
     return array.astype(np.int64)
+
+
+def polygon_arrays(faces: object) -> Polygons:
+    """`faces` as polygons: an integer array `[F, n]`, or a list of lists of integers of any length.
+
+    Raises:
+        MeshError: anything else, or no faces.
+    """
+    try:
+        array = np.asarray(faces)
+    except ValueError:  # rows of different lengths
+        return _ragged(faces)
+    if array.ndim == 2 and array.shape[1] != 3 and array.size and np.issubdtype(array.dtype, np.integer):
+        return Polygons.of_rows(array.astype(np.int64))
+    return Polygons.of_rows(face_array(array))
+
+
+def _ragged(faces: object) -> Polygons:
+    try:
+        rows = [np.asarray(row) for row in faces]  # type: ignore[attr-defined]
+        sizes = np.array([len(row) for row in rows])
+        corners = np.concatenate([row for row in rows if len(row)])
+    except (TypeError, ValueError) as error:
+        raise MeshError("faces must be rows of corner indices") from error
+    if not np.issubdtype(corners.dtype, np.integer):
+        raise MeshError(f"faces must have an integer dtype, got {corners.dtype}")
+    return Polygons(corners.astype(np.int64), sizes)
 
 
 def checked_faces(faces: object, n_vertices: int) -> Int[np.ndarray, "F 3"]:

@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 
 from ...files import write_whole
+from .._attributes import NO_ATTRIBUTES, Attributes
 from .._errors import MeshError, check_fits
-from ._attributes import NO_ATTRIBUTES, Attributes
+from .._raw import RawMesh
 from ._obj import decode_obj, encode_obj
 from ._off import decode_off, encode_off
 from ._ply import decode_ply, encode_ply
@@ -44,20 +45,33 @@ def read_mesh(path: str | os.PathLike[str]) -> tuple[Float[np.ndarray, "V 3"], I
         MeshError: unknown ending, or content that is damaged or no triangle mesh; the message names the path
             and what is wrong. Whether the triangles form an oriented manifold is not looked at.
     """
-    vertices, faces = read_raw(path)
+    raw = read_raw(path)
     try:
-        _check_arrays(vertices, faces)
+        faces = raw.triangles
+        _check_arrays(raw.vertices, faces)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from None
-    return vertices, faces.astype(np.int32)
+    return raw.vertices, faces.astype(np.int32)
 
 
-def read_raw(path: str | os.PathLike[str]) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def read_attributes(path: str | os.PathLike[str]) -> Attributes:
+    """The colours, scalars and texture coordinates in the file of a triangle mesh; normals are none, they follow from it.
+
+    Raises:
+        OSError: the file cannot be read.
+        MeshError: content that is damaged or no triangle mesh.
+    """
+    raw = read_raw(path)
+    corners = np.arange(raw.triangles.size).reshape(-1, 3)
+    return raw.attributes().gather(np.arange(len(raw.vertices)), np.arange(len(corners)), corners)
+
+
+def read_raw(path: str | os.PathLike[str]) -> RawMesh:
     """What stands in a mesh file, whether or not corners are in range, positions finite, or anything is there at all.
 
     Raises:
         OSError: the file cannot be read.
-        MeshError: unknown ending, or content that is damaged or no triangle mesh.
+        MeshError: unknown ending, or content that is damaged.
     """
     file = Path(path)
     decode = _DECODERS.get(file.suffix.lower())
@@ -99,9 +113,10 @@ def write_mesh(
     vertices = vertices.astype(np.float64)
     _check_arrays(vertices, faces)
     attributes.check(len(vertices), len(faces))
-    if attributes and encode is not encode_ply:
-        raise ValueError(f"{file}: attributes are written to PLY only")
-    write_whole(file, encode(vertices, faces, attributes) if attributes else encode(vertices, faces))
+    _, lost = attributes.held_by(file.suffix.lower())
+    if lost:
+        raise ValueError(f"{file}: the format holds no {', '.join(lost)}; take what Attributes.held_by gives")
+    write_whole(file, encode(vertices, faces, attributes))
 
 
 def _unknown_ending(file: Path) -> str:

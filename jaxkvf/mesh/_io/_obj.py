@@ -5,8 +5,11 @@ import re
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._attributes import COLOR, NO_ATTRIBUTES, Attributes, color_from
 from .._errors import MeshError
-from ._text import Lines, check_triangles, integers, positions, quoted, significant_lines
+from .._polygons import Polygons
+from .._raw import RawAttributes, RawMesh
+from ._text import Lines, numbers, polygons, positions, quoted, significant_lines
 
 # Statements of the format that do not bear on the triangles: attributes, groups, materials, curves.
 _OTHER_STATEMENTS = frozenset(
@@ -15,15 +18,15 @@ _OTHER_STATEMENTS = frozenset(
 )
 
 
-def decode_obj(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def decode_obj(data: bytes) -> RawMesh:
     """The `v` vertices of an OBJ file, in their order, and its `f` faces.
 
-    Texture coordinates and normals have indices of their own, so their seams split no vertex. Colours or
-    a weight behind the coordinates are not read, nor are points and lines.
+    Texture coordinates and normals have indices of their own, so their seams split no vertex. A weight behind the
+    coordinates is not read, nor are normals, points and lines.
 
     Raises:
-        MeshError: a line that is no OBJ statement, a number that is none, a face that is not a triangle, or a
-            vertex number out of range. Messages name the line.
+        MeshError: a line that is no OBJ statement, a number that is none, or a vertex number out of range. Messages name
+            the line.
     """
     lines = significant_lines(_join_continued_lines(data))
     statements = [text.split(None, 1)[0] for text in lines.texts]
@@ -34,14 +37,62 @@ def decode_obj(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "
     vertex_lines = lines.where([statement == b"v" for statement in statements])
     face_lines = lines.where([statement in (b"f", b"fo") for statement in statements])
     vertices = positions(vertex_lines, (1, 2, 3))
-    return vertices, _absolute_indices(_vertex_numbers(face_lines), vertex_lines, face_lines)
+    bare = re.sub(rb"/\S*", b"", b"\n".join(face_lines.texts)).split(b"\n") if face_lines.texts else []
+    sizes = np.array([len(face.split()) - 1 for face in bare], dtype=np.int64)
+    corners = polygons(face_lines, bare, sizes, 1)
+    indices = _absolute_indices(corners, np.repeat(np.arange(len(sizes)), sizes), vertex_lines, face_lines)
+
+    def attributes() -> RawAttributes:
+        color = None
+        if len(vertex_lines.texts) and len(vertex_lines.texts[0].split()) >= 7:
+            color = numbers(vertex_lines, (4, 5, 6))
+        texture_lines = lines.where([statement == b"vt" for statement in statements])
+        return RawAttributes(
+            {} if color is None else {COLOR: color_from(color)}, {}, _texture(texture_lines, face_lines)
+        )
+
+    return RawMesh(
+        vertices, Polygons(indices, sizes), lambda i: f"{face_lines.quote(i)} is a face with", attributes
+    )
 
 
-def encode_obj(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> bytes:
-    """OBJ text whose numbers read back as the same doubles."""
-    text = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
-    text += "f %d %d %d\n" * len(faces) % tuple((faces + 1).ravel().tolist())
+def encode_obj(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], attributes: Attributes = NO_ATTRIBUTES
+) -> bytes:
+    """OBJ text whose positions read back as the same doubles; colours 0…1 stand behind them, as many programs read them."""
+    color = attributes.vertex.get(COLOR)
+    if color is None:
+        text = "v %r %r %r\n" * len(vertices) % tuple(vertices.ravel().tolist())
+    else:
+        table = np.concatenate([vertices, np.round(color / 255, 4)], axis=1)
+        text = "v %r %r %r %g %g %g\n" * len(vertices) % tuple(table.ravel().tolist())
+    numbers_of = np.repeat(faces[..., None] + 1, 1 if attributes.texture is None else 2, axis=2)
+    corner = "%d"
+    if attributes.texture is not None:
+        uv, which = np.unique(attributes.texture.reshape(-1, 2), axis=0, return_inverse=True)
+        text += "vt %.9g %.9g\n" * len(uv) % tuple(uv.ravel().tolist())
+        numbers_of[..., 1] = which.reshape(faces.shape) + 1
+        corner = "%d/%d"
+    text += f"f {corner} {corner} {corner}\n" * len(faces) % tuple(numbers_of.ravel().tolist())
     return text.encode("ascii")
+
+
+def _texture(texture_lines: Lines, face_lines: Lines) -> Float[np.ndarray, "C 2"] | None:
+    """Texture coordinates at all corners; None unless each corner names some that exist."""
+    if not texture_lines.texts:
+        return None
+    places = numbers(texture_lines, (1, 2))
+    tokens = [token.split(b"/") for text in face_lines.texts for token in text.split()[1:]]
+    counts = [len(text.split()) - 1 for text in face_lines.texts]
+    try:
+        named = np.array([int(token[1]) for token in tokens], np.int64)
+    except (IndexError, ValueError, OverflowError):
+        return None
+    above = np.searchsorted(np.asarray(texture_lines.numbers), np.asarray(face_lines.numbers))
+    indices = np.where(named < 0, np.repeat(above, counts) + named, named - 1)
+    if places is None or ((indices < 0) | (indices >= len(places))).any():
+        return None
+    return places[indices]
 
 
 def _join_continued_lines(data: bytes) -> bytes:
@@ -59,21 +110,14 @@ def _join_continued_lines(data: bytes) -> bytes:
     return b"".join(joined)
 
 
-def _vertex_numbers(faces: Lines) -> Int[np.ndarray, "F 3"]:
-    """The vertex numbers of faces written `f 1/5/2 3//7 2`: 1, 3 and 2."""
-    bare = re.sub(rb"/\S*", b"", b"\n".join(faces.texts)).split(b"\n") if faces.texts else []
-    check_triangles(faces, np.array([len(face.split()) - 1 for face in bare], dtype=np.int64))
-    return integers(faces, bare, (1, 2, 3))
-
-
 def _absolute_indices(
-    numbers: Int[np.ndarray, "F 3"], vertex_lines: Lines, face_lines: Lines
-) -> Int[np.ndarray, "F 3"]:
+    numbers: Int[np.ndarray, " C"], face_of: Int[np.ndarray, " C"], vertex_lines: Lines, face_lines: Lines
+) -> Int[np.ndarray, " C"]:
     """Indices from 0; the file's count from 1, or if negative backwards from the last vertex so far."""
     above = np.searchsorted(np.asarray(vertex_lines.numbers), np.asarray(face_lines.numbers))
-    indices = np.where(numbers < 0, above[:, None] + numbers, numbers - 1)
+    indices = np.where(numbers < 0, above[face_of] + numbers, numbers - 1)
     n_vertices = len(vertex_lines.numbers)
-    outside = np.flatnonzero(((indices < 0) | (indices >= n_vertices) | (numbers == 0)).any(axis=1))
+    outside = face_of[(indices < 0) | (indices >= n_vertices) | (numbers == 0)]
     if outside.size:
         raise MeshError(
             f"{face_lines.quote(outside[0])} names a vertex that does not exist; the file has {n_vertices} "

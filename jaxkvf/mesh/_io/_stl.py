@@ -3,7 +3,11 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from .._attributes import NO_ATTRIBUTES, Attributes
+from .._defects import flat_faces
 from .._errors import MeshError
+from .._polygons import Polygons
+from .._raw import RawMesh
 from ._text import positions, significant_lines
 
 _HEADER_BYTES = 80
@@ -11,7 +15,7 @@ _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribut
 _FACET = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 
 
-def decode_stl(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def decode_stl(data: bytes) -> RawMesh:
     """The faces of an ASCII or binary STL file.
 
     Corners with exactly equal coordinates become one vertex; no others do.
@@ -23,9 +27,9 @@ def decode_stl(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "
     expected = _HEADER_BYTES + 4 + declared * _RECORD.itemsize
     if len(data) >= _HEADER_BYTES + 4 and len(data) == expected:
         records = np.frombuffer(data, _RECORD, declared, _HEADER_BYTES + 4)
-        return _merge_equal_corners(records["corners"].astype(np.float64).reshape(-1, 3))
+        return _merge_equal_corners(records["corners"].astype(np.float64).reshape(-1, 3), single=True)
     if data.lstrip()[:5].lower() == b"solid" and b"\0" not in data:
-        return _merge_equal_corners(_ascii_corners(data))
+        return _merge_equal_corners(_ascii_corners(data), single=False)
     if not data:
         raise MeshError("the file is empty")
     raise MeshError(
@@ -34,21 +38,55 @@ def decode_stl(data: bytes) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "
     )
 
 
-def encode_stl(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> bytes:
+def encode_stl(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], attributes: Attributes = NO_ATTRIBUTES
+) -> bytes:
     """Binary STL, which rounds positions to float32.
 
     Raises:
         ValueError: a position beyond the range of float32.
+        MeshError: rounding would merge vertices, or flatten faces or turn them over.
     """
+    del attributes  # it has none
     corners = vertices[faces]
     if not np.abs(corners).max(initial=0.0) <= np.finfo(np.float32).max:
         raise ValueError("STL stores float32, and a position is beyond its range; write OBJ, PLY or OFF")
+    _check_rounding(vertices, faces)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     records = np.zeros(len(faces), _RECORD)
     records["normal"] = normals / np.where(lengths > 0, lengths, 1.0)
     records["corners"] = corners
     return bytes(_HEADER_BYTES) + len(faces).to_bytes(4, "little") + records.tobytes()
+
+
+def _check_rounding(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> None:
+    harm = _harm_of_rounding(vertices, faces)
+    if harm is None:
+        return
+    with np.errstate(over="ignore"):
+        centred = vertices - (vertices.min(axis=0) / 2 + vertices.max(axis=0) / 2)
+    remedy = "write OBJ, PLY or OFF"
+    if _harm_of_rounding(centred, faces) is None:
+        remedy += ", or move the mesh to the origin first: repair(…, to_origin=True)"
+    raise MeshError(f"STL stores float32, which {harm}; {remedy}")
+
+
+def _harm_of_rounding(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> str | None:
+    """What rounding to float32 would do to vertices at different positions, and to faces that are not flat."""
+    used = vertices[np.unique(faces)]
+    rounded = vertices.astype(np.float32).astype(np.float64)
+    n_before = len(np.unique(used, axis=0))
+    merged = n_before - len(np.unique(used.astype(np.float32), axis=0))
+    if merged:
+        return f"would merge {merged} of the {n_before} vertices with others"
+    flat = np.setdiff1d(flat_faces(rounded, faces), flat_faces(vertices, faces))
+    before, after = (
+        np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]])
+        for x in (vertices / np.abs(vertices).max(), rounded / np.abs(vertices).max())
+    )
+    turned = np.union1d(flat, np.flatnonzero((before * after).sum(axis=1) < 0))
+    return f"would flatten or turn over {len(turned)} of the {len(faces)} faces" if turned.size else None
 
 
 def _ascii_corners(data: bytes) -> Float[np.ndarray, "corners 3"]:
@@ -70,9 +108,7 @@ def _ascii_corners(data: bytes) -> Float[np.ndarray, "corners 3"]:
     return positions(body.where([word == b"vertex" for word in found]), (1, 2, 3))
 
 
-def _merge_equal_corners(
-    corners: Float[np.ndarray, "corners 3"],
-) -> tuple[Float[np.ndarray, "V 3"], Int[np.ndarray, "F 3"]]:
+def _merge_equal_corners(corners: Float[np.ndarray, "corners 3"], *, single: bool) -> RawMesh:
     """One vertex for each distinct position, in order of first appearance."""
     order = np.lexsort(corners.T)
     in_order = corners[order]
@@ -83,4 +119,10 @@ def _merge_equal_corners(
     rank[by_appearance] = np.arange(len(first))
     which = np.empty_like(order)
     which[order] = rank[np.cumsum(starts) - 1]
-    return corners[first[by_appearance]], which.reshape(-1, 3)
+    notes = [f"STL: {len(corners)} corners, at equal positions merged into {len(first)} vertices"]
+    largest = np.abs(corners[np.isfinite(corners)]).max(initial=0.0)
+    if single and largest:
+        notes.append(
+            f"STL: positions in single precision, rounded by up to {np.spacing(np.float32(largest)) / 2:.1g}"
+        )
+    return RawMesh(corners[first[by_appearance]], Polygons.of_rows(which.reshape(-1, 3)), notes=tuple(notes))

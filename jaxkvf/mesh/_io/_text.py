@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from numpy.typing import DTypeLike
 
 from .._errors import MeshError
+from .._polygons import Polygons
 
 _UTF8_MARK = b"\xef\xbb\xbf"
 
@@ -57,42 +58,65 @@ def positions(lines: Lines, columns: Sequence[int]) -> Float[np.ndarray, "n 3"]:
     return _table(lines.texts, lines, columns, np.float64, "a vertex with three coordinates")
 
 
-def triangles(lines: Lines, first_column: int = 0) -> Int[np.ndarray, "n 3"]:
-    """The corners of faces written as their number of corners and the corners: `3 0 2 1`.
+def polygons(
+    lines: Lines, rows: list[bytes], sizes: Int[np.ndarray, " n"], first_column: int
+) -> Int[np.ndarray, " c"]:
+    """All corners, one face after the other.
 
     Args:
         lines: a face each.
-        first_column: where the number of corners stands; what comes after the third corner is not read.
+        rows: what they say, with the corners from `first_column` on.
+        sizes: numbers of corners.
+        first_column: where the first corner stands; what comes after the last is not read.
 
     Raises:
-        MeshError: a face that is not a triangle, or a corner that is not an integer.
+        MeshError: a corner that is not an integer, or is not there.
     """
-    counts_and_corners = integers(lines, lines.texts, range(first_column, first_column + 4))
-    check_triangles(lines, counts_and_corners[:, 0])
-    return counts_and_corners[:, 1:]
+    starts = np.cumsum(sizes) - sizes
+    corners = np.empty(int(sizes.sum()), np.int64)
+    for n in np.unique(sizes[sizes > 0]).tolist():
+        which = np.flatnonzero(sizes == n)
+        part = lines, rows
+        if len(which) < len(sizes):
+            part = lines.where((sizes == n).tolist()), [rows[i] for i in which]
+        corners[starts[which, None] + np.arange(n)] = integers(*part, range(first_column, first_column + n))
+    return corners
 
 
-def integers(lines: Lines, rows: list[bytes], columns: Sequence[int]) -> Int[np.ndarray, "n c"]:
-    """The corners in these columns of `rows`, which say what `lines` say in the file.
+def counted_polygons(lines: Lines, first_column: int = 0) -> Polygons:
+    """Faces written as their number of corners and the corners: `3 0 2 1`.
+
+    Raises:
+        MeshError: a number that is no integer, or is not there.
+    """
+    sizes = integers(lines, lines.texts, [first_column], "a face, which begins with its number of corners")[
+        :, 0
+    ]
+    longest = np.array([len(text) for text in lines.texts], np.int64)
+    wrong = np.flatnonzero((sizes < 0) | (2 * sizes > longest))
+    if wrong.size:
+        raise MeshError(f"{lines.quote(wrong[0])}, expected {sizes[wrong[0]]} corners of a face")
+    return Polygons(polygons(lines, lines.texts, sizes, first_column + 1), sizes)
+
+
+def integers(
+    lines: Lines, rows: list[bytes], columns: Sequence[int], expected: str | None = None
+) -> Int[np.ndarray, "n c"]:
+    """The integers in these columns of `rows`, which say what `lines` say in the file.
 
     Raises:
         MeshError: a line without an integer there.
     """
-    return _table(rows, lines, columns, np.int64, "a triangle")
+    named = "a triangle" if len(columns) == 3 else f"a face of {len(columns)} corners"
+    return _table(rows, lines, columns, np.int64, expected or named)
 
 
-def check_triangles(lines: Lines, n_corners: Int[np.ndarray, " n"]) -> None:
-    """Every face has three corners.
-
-    Raises:
-        MeshError: one has not.
-    """
-    polygons = np.flatnonzero(n_corners != 3)
-    if polygons.size:
-        raise MeshError(
-            f"{lines.quote(polygons[0])} is a face with {n_corners[polygons[0]]} corners; only triangles are "
-            f"read, and {polygons.size} of the {len(n_corners)} faces are none: triangulate the mesh first"
-        )
+def numbers(lines: Lines, columns: Sequence[int]) -> Float[np.ndarray, "n c"] | None:
+    """The numbers in these columns; None where a line has none: for what a mesh can do without."""
+    try:
+        return _table(lines.texts, lines, columns, np.float64, "")
+    except MeshError:
+        return None
 
 
 def _table(

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 COLOR = "color"
+_COLORED = (".obj", ".off")  # besides PLY, which holds everything
 
 
 @dataclass(frozen=True)
@@ -40,13 +41,34 @@ class Attributes:
         if self.texture is not None and self.texture.shape != (n_faces, 3, 2):
             raise ValueError(f"texture must be [{n_faces}, 3, 2], got {list(self.texture.shape)}")
 
-    def rows(self, vertices: Int[np.ndarray, " v"], faces: Int[np.ndarray, " f"]) -> "Attributes":
-        """Those of some vertices and faces, in this order."""
-        return Attributes(
-            {name: values[vertices] for name, values in self.vertex.items()},
-            {name: values[faces] for name, values in self.face.items()},
-            None if self.texture is None else self.texture[faces],
-        )
+    def held_by(self, suffix: str) -> tuple["Attributes", tuple[str, ...]]:
+        """What a file with this ending (`".obj"`) holds of them, and the names of what it does not."""
+        if suffix == ".ply":
+            return self, ()
+        vertex = {
+            name: values for name, values in self.vertex.items() if name == COLOR and suffix in _COLORED
+        }
+        face = {name: values for name, values in self.face.items() if name == COLOR and suffix == ".off"}
+        texture = self.texture if suffix == ".obj" else None
+        lost = [f"{_worded(name)} at vertices" for name in self.vertex if name not in vertex]
+        lost += [f"{_worded(name)} at faces" for name in self.face if name not in face]
+        if suffix == ".obj" and vertex and vertex[COLOR].shape[1] > 3:
+            vertex = {COLOR: vertex[COLOR][:, :3]}
+            lost.append("opacity")
+        if self.texture is not None and texture is None:
+            lost.append("texture coordinates")
+        return Attributes(vertex, face, texture), tuple(lost)
+
+
+def _worded(name: str) -> str:
+    return "colours" if name == COLOR else f"'{name}'"
+
+
+def color_from(channels: np.ndarray) -> np.ndarray:
+    """Colours as uint8 from numbers 0…255, or 0…1 where they are not integers or none is above 1."""
+    values = channels.astype(np.float64)
+    unit = np.nan_to_num(values).max(initial=0.0) <= 1 or (values != np.rint(values)).any()
+    return np.rint(np.clip(np.nan_to_num(values * (255 if unit else 1)), 0, 255)).astype(np.uint8)
 
 
 NO_ATTRIBUTES = Attributes()
