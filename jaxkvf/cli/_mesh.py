@@ -72,7 +72,7 @@ def _check(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     """Lists what is wrong with a mesh: errors, which every other command refuses, and remarks."""
     with console.status("checking"):
         report = check(options.mesh)
-    console.print(f"{options.mesh}: {as_options(str(report))}", markup=False, highlight=False)
+    console.print(f"{options.mesh}: {as_options(str(report))}", markup=False, highlight=False, soft_wrap=True)
     return {"mesh": str(options.mesh), **_describe(report)}
 
 
@@ -90,8 +90,8 @@ def _repair(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         )
         left = done.report
     for action in done.actions or ("nothing to do",):
-        console.print(action, markup=False, highlight=False)
-    console.print(as_options(str(left)), markup=False, highlight=False)
+        console.print(action, markup=False, highlight=False, soft_wrap=True)
+    console.print(as_options(str(left)), markup=False, highlight=False, soft_wrap=True)
     if left.ok:
         save_mesh(done.mesh, options.output, done.attributes, console)
     return {

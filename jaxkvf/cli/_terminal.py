@@ -78,10 +78,10 @@ def save_mesh(mesh: TriangleMesh, path: Path, attributes: Attributes, console: "
     """Writes a mesh with what its format holds of colours and texture coordinates; says what it does not."""
     held, lost = attributes.held_by(path.suffix.lower())
     mesh.save(path, held)
-    console.print(f"wrote {path}", markup=False, highlight=False)
+    console.print(f"wrote {path}", markup=False, highlight=False, soft_wrap=True)
     if lost:
         note = f"{path.suffix.lower()} files hold no {', '.join(lost)}: left out"
-        console.print(note, style="yellow", markup=False, highlight=False)
+        console.print(note, style="yellow", markup=False, highlight=False, soft_wrap=True)
 
 
 def draw_picture(

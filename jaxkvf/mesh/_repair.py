@@ -1,11 +1,11 @@
 """Repair of raw meshes: only what is asked for, and an account of what was done."""
 
-import operator
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..arguments import Integer, Real, checked_integer, checked_not_negative
 from . import _defects
 from ._attributes import Attributes
 from ._check import MeshReport, MeshSource, as_jax_sees, check, invalid_faces, piece_areas, raw_mesh
@@ -58,12 +58,12 @@ def repair(
     *,
     triangulate: bool = False,
     drop_invalid: bool = False,
-    merge_duplicates: bool | float = False,
+    merge_duplicates: bool | Real = False,
     drop_degenerate: bool = False,
     drop_duplicate_faces: bool = False,
     split_nonmanifold: bool = False,
     orient: bool = False,
-    keep_largest: int = 0,
+    keep_largest: Integer = 0,
     drop_unreferenced: bool = False,
     to_origin: bool = False,
 ) -> Repair:
@@ -95,16 +95,13 @@ def repair(
         ValueError: a merging distance that is not finite or negative, or `keep_largest` no number of pieces.
         OSError: the file cannot be read.
     """
-    distance = 0.0 if isinstance(merge_duplicates, bool | np.bool_) else float(merge_duplicates)
-    if not 0 <= distance < np.inf:
-        raise ValueError(
-            f"merge_duplicates must be True, False or a finite distance, got {merge_duplicates!r}"
-        )
-    kept = _number_of_pieces(keep_largest)
+    exact = isinstance(merge_duplicates, bool | np.bool_)
+    distance = 0.0 if exact else checked_not_negative("merge_duplicates", merge_duplicates)
+    kept = checked_integer("keep_largest", keep_largest, at_least=0)
     work = _Work(raw_mesh(mesh), triangulate=triangulate)
     if drop_invalid:
         work.drop_invalid()
-    if merge_duplicates is not False and (merge_duplicates or not isinstance(merge_duplicates, np.bool_)):
+    if merge_duplicates or not exact:
         work.merge(distance)
     if drop_degenerate:
         work.drop_degenerate()
@@ -122,16 +119,6 @@ def repair(
         work.move_to_origin()
     work.compare()
     return work.result()
-
-
-def _number_of_pieces(value: int) -> int:
-    try:
-        number = -1 if isinstance(value, bool | np.bool_) else operator.index(value)
-    except TypeError:
-        number = -1
-    if number < 0:
-        raise ValueError(f"keep_largest must be a number of pieces, 0 for all of them, got {value!r}")
-    return number
 
 
 class _Work:

@@ -244,9 +244,9 @@ def _ascii_records(lines: Lines, element: _Element) -> _Records:
     names = [p.name for p in element.properties]
     if element.name == "vertex":
         xyz = positions(lines, [_ascii_column(element, (axis,)) for axis in "xyz"])
-        lists = next((i for i, p in enumerate(element.properties) if p.count_type), len(names))
+        before = next((i for i, p in enumerate(element.properties) if p.count_type), len(names))
         scalars = {}
-        for i, p in enumerate(element.properties[:lists]):
+        for i, p in enumerate(element.properties[:before]):
             column = xyz[:, "xyz".index(p.name)] if p.name in tuple("xyz") else _ascii_scalar(lines, i, p)
             if column is not None:
                 scalars[p.name] = column
