@@ -89,7 +89,7 @@ def test_a_failing_solver_speaks_in_one_sentence(mesh_file, monkeypatch, capsys)
         mesh = shapes.icosphere(1)
         return killing_fields(mesh.with_vertices(mesh.vertices * np.nan), 1)
 
-    monkeypatch.setattr("jaxkvf.cli._main.killing_fields", fail)
+    monkeypatch.setattr("jaxkvf.cli._fields.killing_fields", fail)
     assert cli.main(["fields", str(mesh_file), "--no-picture"]) == 1
     error = capsys.readouterr().err
     assert (

@@ -2,7 +2,6 @@
 
 import argparse
 import io
-import math
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +24,8 @@ from ..patterns import (
     texture,
     texture_coordinates,
 )
-from ._terminal import READABLE, check_writable, draw_picture, positive, size_of, upright, with_suffix
+from ._options import READABLE, add_json, add_picture, count, finite, positive, with_suffix
+from ._terminal import check_writable, draw_picture, size_of, upright
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 _CURVES = 24
 
 
-def add_flow_commands(commands: Any) -> tuple[argparse.ArgumentParser, ...]:
-    """Declares both commands; returns their parsers."""
+def add_to(commands: Any) -> None:
     flow = commands.add_parser(
         "flow", help="follow a Killing field: curves, period, isometry", description=_flow.__doc__
     )
@@ -44,10 +43,10 @@ def add_flow_commands(commands: Any) -> tuple[argparse.ArgumentParser, ...]:
     for command in (flow, decorate):
         command.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
         command.add_argument(
-            "--field", type=_count, default=0, help="number of the Killing field, from 0 (default: 0)"
+            "--field", type=count, default=0, help="number of the Killing field, from 0 (default: 0)"
         )
     flow.add_argument(
-        "-t", "--time", type=_finite, help="time to go, for a field of unit norm (default: the period)"
+        "-t", "--time", type=finite, help="time to go, for a field of unit norm (default: the period)"
     )
     flow.add_argument(
         "--curves", type=positive, default=_CURVES, help=f"how many curves (default: {_CURVES})"
@@ -74,19 +73,19 @@ def add_flow_commands(commands: Any) -> tuple[argparse.ArgumentParser, ...]:
     )
     decorate.add_argument(
         "--at",
-        type=_count,
+        type=count,
         nargs="+",
         metavar="VERTEX",
         help="centres of the disks (default: where the field is fastest)",
     )
     decorate.add_argument(
-        "--radius", type=_finite, help="of the disks, in time: radius / speed (default: 0.4 T / m)"
+        "--radius", type=finite, help="of the disks, in time: radius / speed (default: 0.4 T / m)"
     )
     decorate.add_argument(
         "--image", type=Path, metavar="FILE", help="image to put on each disk (default: rings)"
     )
     decorate.add_argument(
-        "--relief", type=_finite, metavar="HEIGHT", help="raise each disk by this many mean edges"
+        "--relief", type=finite, metavar="HEIGHT", help="raise each disk by this many mean edges"
     )
     decorate.add_argument(
         "--stripes",
@@ -95,21 +94,9 @@ def add_flow_commands(commands: Any) -> tuple[argparse.ArgumentParser, ...]:
     )
     decorate.add_argument("--subdivide", type=positive, default=1, help="parts of each edge (default: 1)")
     decorate.set_defaults(run=_pattern)
-    return flow, decorate
-
-
-def _count(text: str) -> int:
-    number = int(text)
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"must be at least 0, got {number}")
-    return number
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise argparse.ArgumentTypeError(f"must be finite, got {text}")
-    return number
+    for command in (flow, decorate):
+        add_json(command)
+        add_picture(command)
 
 
 def _solved(options: argparse.Namespace, console: "Console") -> tuple[TriangleMesh, KillingFields, Any]:

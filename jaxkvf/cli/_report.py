@@ -1,7 +1,6 @@
 """The command `jaxkvf report MESH -o OUT.html`."""
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,28 +9,24 @@ from ..files import check_can_be_written
 from ..mesh import TriangleMesh
 from ..report import Contents, write_report
 from ..symmetrization import OUTCOMES, Step, symmetrize
-from ._terminal import READABLE, add_up_option, positive, size_of, with_suffix
+from ._messages import spoken
+from ._options import add_count, add_json, add_mesh, add_output, add_solve, add_up
+from ._terminal import size_of
 
 if TYPE_CHECKING:
     from rich.console import Console
 
 
-def add_report_command(commands: Any) -> None:
-    """Adds `report` to the subparsers `commands`."""
-    report = commands.add_parser("report", help="a web page about a mesh", description=_report.__doc__)
-    report.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
-    report.add_argument(
-        "-o", "--output", type=with_suffix(".html"), required=True, metavar="HTML", help="the page to write"
-    )
-    report.add_argument("-k", type=positive, default=6, help="number of fields (default: 6)")
-    report.add_argument("--discretization", choices=("regge", "regge-delaunay", "dec"), default="regge")
-    add_up_option(report)
-    report.add_argument("--symmetrize", action="store_true", help="show the symmetrized mesh beside it")
-    report.add_argument(
-        "--count", type=positive, default=1, help="number of symmetries to make exact (default: 1)"
-    )
-    report.add_argument("--json", action="store_true", help="print the result as JSON")
-    report.set_defaults(run=_report)
+def add_to(commands: Any) -> None:
+    command = commands.add_parser("report", help="a web page about a mesh", description=_report.__doc__)
+    add_mesh(command)
+    add_output(command, ".html", metavar="HTML", text="the page to write", required=True)
+    add_solve(command)
+    add_up(command)
+    command.add_argument("--symmetrize", action="store_true", help="show the symmetrized mesh beside it")
+    add_count(command)
+    add_json(command)
+    command.set_defaults(run=_report)
 
 
 def _report(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
@@ -61,7 +56,7 @@ def _report(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
             callback=status.update,
         )
     if remark:
-        console.print(remark, style="yellow")
+        console.print(spoken(remark), style="yellow")
     names = ("mesh", "symmetrized")[: len(told)]
     for name, each in zip(names, told, strict=True):
         values = ", ".join(f"{value:.3g}" for value in np.asarray(each.fields.dimensionless))

@@ -1,7 +1,6 @@
-"""What the commands of the command line share: arguments, files, pictures."""
+"""What the commands share while they run: files, pictures, words."""
 
 import argparse
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,34 +14,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..viz import View
-
-READABLE = ".obj, .ply, .off or .stl"
-
-
-def positive(text: str) -> int:
-    number = int(text)
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, got {number}")
-    return number
-
-
-def with_suffix(*suffixes: str) -> Callable[[str], Path]:
-    def path(text: str) -> Path:
-        if Path(text).suffix.lower() not in suffixes:
-            raise argparse.ArgumentTypeError(f"must end in {' or '.join(suffixes)}, got {text!r}")
-        return Path(text)
-
-    return path
-
-
-def add_up_option(command: argparse.ArgumentParser) -> None:
-    """Declares `--up` of the commands that draw."""
-    command.add_argument(
-        "--up",
-        choices=("auto", "x", "y", "z"),
-        default="auto",
-        help="what is up in the picture (default: the axis of symmetry; y where there is none)",
-    )
 
 
 def upright(options: argparse.Namespace, mesh: TriangleMesh, fields: KillingFields) -> "View":
@@ -58,20 +29,6 @@ def check_writable(*paths: Path | None) -> None:
     for path in paths:
         if path is not None:
             check_can_be_written(path)
-
-
-def as_options(text: str) -> str:
-    """A message in which calls of `repair` are commands: `repair(…, orient=True)` is `jaxkvf repair … --orient`."""
-
-    def command(call: re.Match[str]) -> str:
-        steps = [argument.partition("=") for argument in call[1].split(", ")]
-        given = [
-            f"--{name.replace('_', '-')}" + ("" if value == "True" else f" {value}")
-            for name, _, value in steps
-        ]
-        return "`jaxkvf repair MESH -o OUT " + " ".join(given) + "`"
-
-    return re.sub(r"repair\(…, ([^)]*)\)", command, text)
 
 
 def save_mesh(mesh: TriangleMesh, path: Path, attributes: Attributes, console: "Console") -> None:

@@ -1,14 +1,14 @@
-"""The commands that need no eigensolver: `jaxkvf check MESH` and `jaxkvf repair MESH -o OUT`."""
+"""The command `jaxkvf repair MESH -o OUT`."""
 
 import argparse
-from collections.abc import Callable
-from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..files import check_can_be_written
-from ..mesh import MeshReport, check, repair
-from ._terminal import as_options, positive, save_mesh
+from ..mesh import repair
+from ._check import described
+from ._messages import as_options
+from ._options import WRITABLE, add_json, add_mesh, add_output, positive
+from ._terminal import save_mesh
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -26,22 +26,13 @@ _STEPS = {
 }
 
 
-def add_mesh_commands(commands: Any, readable: str, writable: Callable[[str], Path]) -> None:
-    """Adds `check` and `repair` to the subparsers `commands`."""
-    checking = commands.add_parser(
-        "check", help="what is wrong with a mesh; exit code 1 if anything", description=_check.__doc__
-    )
-    checking.add_argument("mesh", type=Path, metavar="MESH", help=f"a {readable} file")
-    checking.set_defaults(run=_check)
-
-    repairing = commands.add_parser(
+def add_to(commands: Any) -> None:
+    command = commands.add_parser(
         "repair", help="mend what you name, and nothing else", description=_repair.__doc__
     )
-    repairing.add_argument("mesh", type=Path, metavar="MESH", help=f"a {readable} file")
-    repairing.add_argument(
-        "-o", "--output", type=writable, required=True, metavar="OUT", help="the mesh to write"
-    )
-    repairing.add_argument(
+    add_mesh(command)
+    add_output(command, *WRITABLE, metavar="OUT", text="the mesh to write", required=True)
+    command.add_argument(
         "--merge-duplicates",
         type=float,
         nargs="?",
@@ -51,29 +42,20 @@ def add_mesh_commands(commands: Any, readable: str, writable: Callable[[str], Pa
         help="merge vertices at equal positions, or closer than this; `check` says how close",
     )
     for step, explanation in _STEPS.items():
-        repairing.add_argument(f"--{step.replace('_', '-')}", action="store_true", help=explanation)
-    repairing.add_argument("--all", action="store_true", help="all of these; merge only equal positions")
-    repairing.add_argument(
+        command.add_argument(f"--{step.replace('_', '-')}", action="store_true", help=explanation)
+    command.add_argument("--all", action="store_true", help="all of these; merge only equal positions")
+    command.add_argument(
         "--keep-largest",
         type=positive,
         default=0,
         metavar="N",
         help="keep the N connected pieces of the largest area",
     )
-    repairing.add_argument(
+    command.add_argument(
         "--to-origin", action="store_true", help="move the middle of the mesh to the origin"
     )
-    repairing.set_defaults(run=_repair)
-    for command in (checking, repairing):
-        command.add_argument("--json", action="store_true", help="print the result as JSON")
-
-
-def _check(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
-    """Lists what is wrong with a mesh: errors, which every other command refuses, and remarks."""
-    with console.status("checking"):
-        report = check(options.mesh)
-    console.print(f"{options.mesh}: {as_options(str(report))}", markup=False, highlight=False, soft_wrap=True)
-    return {"mesh": str(options.mesh), **_describe(report)}
+    add_json(command)
+    command.set_defaults(run=_repair)
 
 
 def _repair(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
@@ -98,12 +80,5 @@ def _repair(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         "mesh": str(options.mesh),
         "actions": list(done.actions),
         "written": str(options.output) if left.ok else None,
-        **_describe(left),
+        **described(left),
     }
-
-
-def _describe(report: MeshReport) -> dict[str, Any]:
-    described = asdict(report)
-    for finding in (*described["errors"], *described["remarks"]):
-        finding["remedy"] = as_options(finding["remedy"])
-    return {**described, "ok": report.ok}
