@@ -21,7 +21,7 @@ _REMEDIES = {
     "A is declared positive semi-definite": _CHECK,
     "The minimiser came to rest": "Ask for fewer symmetries (`--count`), or accept the mesh as it is.",
     "The vertices moved as far as": "Ask for fewer symmetries (`--count`), or accept the mesh as it is.",
-    "The maximum number of steps was reached before": "Raise `--max-steps`.",
+    "The maximum number of": "Raise `--max-steps`.",
     "The eigensolver failed on the input mesh": "`jaxkvf fields MESH` says why.",
     "The minimiser arrived at a mesh": "`jaxkvf check MESH` tells whether triangles are too thin.",
 }
