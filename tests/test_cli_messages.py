@@ -45,11 +45,11 @@ def test_outcomes_name_no_python_and_say_what_to_do(message):
     [
         (
             "two sheets touch in vertex 7: repair(…, split_nonmanifold=True)",
-            "two sheets touch in vertex 7: jaxkvf repair MESH -o OUT --split-nonmanifold",
+            "two sheets touch in vertex 7: `jaxkvf repair MESH -o OUT --split-nonmanifold`",
         ),
         (
-            "cracks; repair(merge_duplicates=1.5e-07, orient=True) closes them",
-            "cracks; jaxkvf repair MESH -o OUT --merge-duplicates 1.5e-07 --orient closes them",
+            "cracks; repair(…, merge_duplicates=1.5e-07, orient=True) closes them",
+            "cracks; `jaxkvf repair MESH -o OUT --merge-duplicates 1.5e-07 --orient` closes them",
         ),
         ("k must be an integer of at least 1, got 0", "k must be an integer of at least 1, got 0"),
     ],

@@ -51,9 +51,7 @@ def add_to(commands: Any) -> None:
         metavar="N",
         help="keep the N connected pieces of the largest area",
     )
-    command.add_argument(
-        "--to-origin", action="store_true", help="move the middle of the mesh to the origin"
-    )
+    command.add_argument("--to-origin", action="store_true", help="move the middle of the mesh to the origin")
     add_json(command)
     command.set_defaults(run=_repair)
 
