@@ -5,11 +5,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from .arguments import Integer, check_shape, checked_integer
 from .eigen import (
     RESULTS,
     AbstractEigensolver,
     GeneralizedEigenproblem,
-    check_count,
     cluster_labels,
     eigenvalues,
     eigsolve,
@@ -52,7 +52,7 @@ class KillingFields(eqx.Module):
 
 def killing_fields(
     mesh: TriangleMesh,
-    k: int = 6,
+    k: Integer = 6,
     *,
     discretization: str | AbstractDiscretization = "regge",
     region: object = None,
@@ -106,7 +106,7 @@ def killing_fields(
 
 def killing_eigenvalues(
     mesh: TriangleMesh,
-    k: int = 6,
+    k: Integer = 6,
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
@@ -135,7 +135,7 @@ def killing_eigenvalues(
 def intrinsic_killing_eigenvalues(
     lengths: Float[Array, " E"],
     topology: Topology,
-    k: int = 6,
+    k: Integer = 6,
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
@@ -147,10 +147,7 @@ def intrinsic_killing_eigenvalues(
     Raises:
         ValueError: as for `killing_fields`, or not one length an edge.
     """
-    if lengths.shape != (topology.n_edges,):
-        raise ValueError(
-            f"lengths must have shape [{topology.n_edges}], one an edge, got {list(lengths.shape)}"
-        )
+    check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
     chosen = discretization_named(discretization)
     problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
     return eigenvalues(problem, k, solver, degenerate=degenerate, throw=throw)
@@ -160,14 +157,15 @@ def _posed(
     discretization: AbstractDiscretization,
     lengths: Float[Array, " E"],
     topology: Topology,
-    k: int,
+    k: Integer,
     solver: AbstractEigensolver | None,
 ) -> tuple[GeneralizedEigenproblem, AbstractEigensolver, str]:
     """The problem, a solver for it, and why this one."""
     needed = working_memory(topology, discretization, k, solver)
     check_fits(needed, f"solving on {topology.n_vertices} vertices")
     problem = _assemble(discretization, lengths, topology)
-    check_count(k, problem.size)  # before a solver is chosen and built for it
+    # Before a solver is chosen and built for it.
+    k = checked_integer("k", k, 1, problem.size, limit="the number of unknowns")
     if solver is not None:
         return problem, solver, "the caller's"
     return problem, *chosen_solver(lengths, topology, discretization, k)

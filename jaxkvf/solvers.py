@@ -9,6 +9,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .arguments import Integer
 from .eigen import (
     LOBPCG,
     AbstractEigensolver,
@@ -94,7 +95,7 @@ def preconditioner_for_many_solves(mesh: TriangleMesh) -> AbstractPreconditioner
 
 
 def chosen_solver(
-    lengths: Float[Array, " E"], topology: Topology, discretization: AbstractDiscretization, k: int
+    lengths: Float[Array, " E"], topology: Topology, discretization: AbstractDiscretization, k: Integer
 ) -> tuple[AbstractEigensolver, str]:
     """The solver that is likely fastest for one solve, compilation included, and why (by `benchmarks/eigensolvers.py`)."""
     n_vertices, lengths = topology.n_vertices, jax.lax.stop_gradient(lengths)
@@ -120,7 +121,7 @@ def chosen_solver(
 
 
 def working_memory(
-    topology: Topology, discretization: AbstractDiscretization, k: int, solver: AbstractEigensolver | None
+    topology: Topology, discretization: AbstractDiscretization, k: Integer, solver: AbstractEigensolver | None
 ) -> int:
     """Bytes that a solve takes, roughly, assembly included (`benchmarks/memory.py` prints what is measured).
 

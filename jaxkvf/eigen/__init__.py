@@ -20,7 +20,6 @@ from ._problem import GeneralizedEigenproblem as GeneralizedEigenproblem
 from ._scipy import ScipyEigsh as ScipyEigsh
 from ._solution import RESULTS as RESULTS
 from ._solution import EigenSolution as EigenSolution
-from ._solve import check_count as check_count
 from ._solve import eigenvalues as eigenvalues
 from ._solve import eigsolve as eigsolve
 from ._solve import spectral_sum as spectral_sum

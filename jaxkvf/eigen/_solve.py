@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from ..arguments import Integer, check_shape, checked_choice, checked_integer
 from ..sparse import assembled
 from ._clusters import averaged, cluster_means, individual, whole, without_gauge
 from ._deflated import held
@@ -24,7 +25,7 @@ _POLICIES = ("error", "mean")
 
 def eigsolve(
     problem: GeneralizedEigenproblem,
-    k: int,
+    k: Integer,
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
@@ -69,7 +70,7 @@ def eigsolve(
 
 def eigenvalues(
     problem: GeneralizedEigenproblem,
-    k: int,
+    k: Integer,
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
@@ -85,7 +86,7 @@ def eigenvalues(
 def spectral_sum(
     function: Callable[[Float[Array, ""]], Float[Array, ""]],
     problem: GeneralizedEigenproblem,
-    k: int,
+    k: Integer,
     solver: AbstractEigensolver | None = None,
     *,
     guess: Float[Array, "n g"] | None = None,
@@ -108,16 +109,6 @@ def spectral_sum(
     return (jax.vmap(function)(means) + 0.5 * curvature * (deviation * deviation.T).sum(axis=1)).sum()
 
 
-def check_count(k: int, size: int) -> None:
-    """Whether a problem of this size has k eigenpairs.
-
-    Raises:
-        ValueError: k is not an integer in 1…size.
-    """
-    if isinstance(k, bool) or not isinstance(k, int) or not 1 <= k <= size:
-        raise ValueError(f"k must be an integer between 1 and the number of unknowns {size}, got {k!r}")
-
-
 class _Found(eqx.Module):
     """Eigenpairs whose derivatives are right as those of eigenspaces: for functions that are symmetric in each cluster."""
 
@@ -135,7 +126,7 @@ def _values(found: _Found, degenerate: str) -> Float[Array, " k"]:
 
 def _find(
     problem: GeneralizedEigenproblem,
-    k: int,
+    k: Integer,
     solver: AbstractEigensolver | None,
     *,
     guess: Float[Array, "n g"] | None,
@@ -143,11 +134,10 @@ def _find(
     throw: bool,
     vectors: bool,
 ) -> _Found:
-    check_count(k, problem.size)
-    if guess is not None and (guess.ndim != 2 or guess.shape[0] != problem.size):
-        raise ValueError(f"guess must have shape [{problem.size}, any], got {list(guess.shape)}")
-    if degenerate not in _POLICIES:
-        raise ValueError(f"degenerate must be 'error' or 'mean', got {degenerate!r}")
+    k = checked_integer("k", k, 1, problem.size, limit="the number of unknowns")
+    if guess is not None:
+        check_shape("guess", guess, (problem.size, "any"))
+    checked_choice("degenerate", degenerate, _POLICIES)
     if solver is None:
         solver = DenseEigh() if problem.size <= max(_DENSE_IS_FASTER, k) else ScipyEigsh()
     found = _differentiable(problem, jax.lax.stop_gradient(guess), solver, k, vectors)
@@ -161,7 +151,7 @@ def _differentiable(
     problem: GeneralizedEigenproblem,
     guess: Float[Array, "n g"] | None,
     solver: AbstractEigensolver,
-    k: int,
+    k: Integer,
     vectors: bool,
 ) -> _Found:
     solution, _ = _compute(problem, guess, solver, k)

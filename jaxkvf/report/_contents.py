@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..arguments import Integer
 from ..fields import KillingFields, killing_fields
 from ..flows import Period, integral_curves, period
 from ..geometry import spread_evenly
@@ -48,7 +49,7 @@ class Contents(NamedTuple):
 
 def contents(
     mesh: TriangleMesh,
-    k: int = 6,
+    k: Integer = 6,
     *,
     discretization: str | AbstractDiscretization = "regge",
     callback: Callable[[str], object] | None = None,

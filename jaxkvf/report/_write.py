@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..arguments import checked_choice
+from ..arguments import Integer, checked_choice
 from ..files import check_can_be_written, write_whole
 from ..killing import AbstractDiscretization
 from ..mesh import TriangleMesh
@@ -17,7 +17,7 @@ from ._page import page, three_js
 def write_report(
     path: str | os.PathLike[str],
     mesh: TriangleMesh,
-    k: int = 6,
+    k: Integer = 6,
     *,
     symmetrized: TriangleMesh | None = None,
     discretization: str | AbstractDiscretization = "regge",
