@@ -26,8 +26,7 @@ def to_pyvista(
         ValueError: the mesh cannot be drawn, or an array has not one row per vertex.
         ImportError: pyvista is not installed.
     """
-    vertices, faces = checked_mesh(vertices, faces)
-    arrays = checked_point_data(point_data or {}, vertices)
+    vertices, faces, arrays = _checked(vertices, faces, point_data)
     mesh = extra("pyvista").PolyData.from_regular_faces(vertices, faces)
     for name, values in arrays.items():
         mesh.point_data[name] = values
@@ -41,15 +40,16 @@ def to_trimesh(
 ) -> Any:
     """A `trimesh.Trimesh` with arrays in its `vertex_attributes`; its vertices are these, in this order.
 
-    Args:
-        vertices: positions.
-        faces: vertex indices, counter-clockwise.
-        point_data: arrays `[V]` or `[V, c]`, by name; trimesh writes them into PLY files too.
-
-    Raises:
-        ValueError: the mesh cannot be drawn, or an array has not one row per vertex.
-        ImportError: trimesh is not installed.
+    trimesh writes the arrays into PLY files too. Arguments and errors as for `to_pyvista`.
     """
-    vertices, faces = checked_mesh(vertices, faces)
-    arrays = checked_point_data(point_data or {}, vertices)
+    vertices, faces, arrays = _checked(vertices, faces, point_data)
     return extra("trimesh").Trimesh(vertices, faces, vertex_attributes=arrays, process=False)
+
+
+def _checked(
+    vertices: Float[np.ndarray, "V 3"],
+    faces: Integer[np.ndarray, "F 3"],
+    point_data: Mapping[str, object] | None,
+) -> tuple[Float[np.ndarray, "V 3"], Integer[np.ndarray, "F 3"], dict[str, np.ndarray]]:
+    vertices, faces = checked_mesh(vertices, faces)
+    return vertices, faces, checked_point_data(point_data or {}, vertices)
