@@ -22,6 +22,7 @@ from .fields import KillingFields as KillingFields
 from .fields import intrinsic_killing_eigenvalues as intrinsic_killing_eigenvalues
 from .fields import killing_eigenvalues as killing_eigenvalues
 from .fields import killing_fields as killing_fields
+from .fields import killing_spectral_sum as killing_spectral_sum
 from .flows import FlowStatus as FlowStatus
 from .flows import advect_vertices as advect_vertices
 from .flows import closest_points as closest_points

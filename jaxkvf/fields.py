@@ -1,5 +1,7 @@
 """The main result: approximate Killing vector fields of a mesh, and how far each is from a symmetry."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,7 @@ from .eigen import (
     cluster_labels,
     eigenvalues,
     eigsolve,
+    spectral_sum,
 )
 from .geometry import edge_lengths, embed, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
@@ -57,6 +60,7 @@ def killing_fields(
     discretization: str | AbstractDiscretization = "regge",
     region: object = None,
     solver: AbstractEigensolver | None = None,
+    guess: KillingFields | Float[Array, "g n"] | None = None,
     degenerate: str = "error",
     throw: bool = True,
 ) -> KillingFields:
@@ -70,6 +74,8 @@ def killing_fields(
         region: faces of the piece to look at alone, with free boundary, as a mask `[F]` or as numbers; by default all. The
             vectors are then 0 outside of it, everything else is the piece's own. A component can be solved apart so.
         solver: eigensolver; by default chosen by size and k: `.solver` says which, and why.
+        guess: fields of a surface nearby, or their `coefficients`, to start from: a warm start in a training loop. Taken as
+            they are: no derivative passes through them.
         degenerate: what differentiating inside a cluster of equal eigenvalues does, see `jaxkvf.eigen.eigsolve`.
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
@@ -81,14 +87,21 @@ def killing_fields(
     if region is not None:
         piece, origins = mesh.submesh(region)
         found = killing_fields(
-            piece, k, discretization=discretization, solver=solver, degenerate=degenerate, throw=throw
+            piece,
+            k,
+            discretization=discretization,
+            solver=solver,
+            guess=guess,
+            degenerate=degenerate,
+            throw=throw,
         )
         vectors = jnp.zeros((k, *mesh.vertices.shape), found.vectors.dtype).at[:, origins].set(found.vectors)
         return eqx.tree_at(lambda f: f.vectors, found, vectors)
     chosen = discretization_named(discretization)
     lengths = edge_lengths(mesh.vertices, mesh.topology)
     problem, solver, reason = _posed(chosen, lengths, mesh.topology, k, solver)
-    solution = eigsolve(problem, k, solver, degenerate=degenerate, throw=throw)
+    start = _starting_vectors(guess, problem)
+    solution = eigsolve(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
     return KillingFields(
@@ -110,6 +123,7 @@ def killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
+    guess: KillingFields | Float[Array, "g n"] | None = None,
     degenerate: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
@@ -127,9 +141,36 @@ def killing_eigenvalues(
         k,
         discretization=discretization,
         solver=solver,
+        guess=guess,
         degenerate=degenerate,
         throw=throw,
     )
+
+
+def killing_spectral_sum(
+    mesh: TriangleMesh,
+    function: Callable[[Float[Array, ""]], Float[Array, ""]],
+    k: int = 6,
+    *,
+    discretization: str | AbstractDiscretization = "regge",
+    solver: AbstractEigensolver | None = None,
+    guess: KillingFields | Float[Array, "g n"] | None = None,
+    throw: bool = True,
+) -> Float[Array, ""]:
+    """Σ f(λᵢ) over the k smallest eigenvalues λ, differentiable through clusters, where single eigenvalues are not.
+
+    A trace of heat kernels, say: `killing_spectral_sum(mesh, lambda value: jnp.exp(-time * value), 10)`.
+
+    Args:
+        mesh: the surface, like the others as for `killing_fields`.
+        function: f, of one eigenvalue (unit: length⁻²), twice differentiable by JAX.
+        k: number of eigenvalues; a k that cuts a cluster is an error when differentiated.
+    """
+    chosen = discretization_named(discretization)
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    problem, solver, _ = _posed(chosen, lengths, mesh.topology, k, solver)
+    start = _starting_vectors(guess, problem)
+    return spectral_sum(function, problem, k, solver, guess=start, throw=throw)
 
 
 def intrinsic_killing_eigenvalues(
@@ -139,6 +180,7 @@ def intrinsic_killing_eigenvalues(
     *,
     discretization: str | AbstractDiscretization = "regge",
     solver: AbstractEigensolver | None = None,
+    guess: KillingFields | Float[Array, "g n"] | None = None,
     degenerate: str = "error",
     throw: bool = True,
 ) -> Float[Array, " k"]:
@@ -150,7 +192,22 @@ def intrinsic_killing_eigenvalues(
     check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
     chosen = discretization_named(discretization)
     problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
-    return eigenvalues(problem, k, solver, degenerate=degenerate, throw=throw)
+    start = _starting_vectors(guess, problem)
+    return eigenvalues(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
+
+
+def _starting_vectors(
+    guess: KillingFields | Float[Array, "g n"] | None, problem: GeneralizedEigenproblem
+) -> Float[Array, "n g"] | None:
+    if guess is None:
+        return None
+    coefficients = guess.coefficients if isinstance(guess, KillingFields) else jnp.asarray(guess)
+    if coefficients.ndim != 2 or coefficients.shape[1] != problem.size:
+        raise ValueError(
+            f"guess must have coefficients [any, {problem.size}], got {list(coefficients.shape)}: pass fields of a mesh "
+            "with the same connectivity, in the same discretization"
+        )
+    return jax.lax.stop_gradient(coefficients).T
 
 
 def _posed(
@@ -161,6 +218,8 @@ def _posed(
     solver: AbstractEigensolver | None,
 ) -> tuple[GeneralizedEigenproblem, AbstractEigensolver, str]:
     """The problem, a solver for it, and why this one."""
+    if lengths.dtype not in (jnp.float32, jnp.float64):
+        raise ValueError(f"positions or lengths must be of float32 or float64, got {lengths.dtype}")
     needed = working_memory(topology, discretization, k, solver)
     check_fits(needed, f"solving on {topology.n_vertices} vertices")
     problem = _assemble(discretization, lengths, topology)

@@ -93,6 +93,42 @@ def test_a_solution_passes_through_jit():
     assert {name: int(count) for name, count in traced(mesh.vertices).stats.items()}["solves"] > 0
 
 
+def test_a_guess_is_a_warm_start():
+    """The fields of a surface, or their coefficients, for one nearby; with fewer steps, and the same values."""
+    mesh = shapes.ellipsoid(8)
+    moved = mesh.with_vertices(mesh.vertices * jnp.asarray([[1.0, 1.0, 1.001]]))
+    solver = jaxkvf.multigrid_solver(mesh)
+    before = jaxkvf.killing_fields(mesh, 4, solver=solver)
+    cold = jaxkvf.killing_fields(moved, 4, solver=solver)
+    warm = jaxkvf.killing_fields(moved, 4, solver=solver, guess=before)
+    assert int(warm.stats["steps"]) < int(cold.stats["steps"])
+    np.testing.assert_allclose(warm.eigenvalues, cold.eigenvalues, rtol=1e-7, atol=1e-9)
+    same = jaxkvf.killing_eigenvalues(moved, 4, solver=solver, guess=before.coefficients)
+    np.testing.assert_allclose(same, cold.eigenvalues, rtol=1e-7, atol=1e-9)
+    with pytest.raises(ValueError, match=r"guess must have coefficients \[any, 1284\], got \[4, 184\]"):
+        jaxkvf.killing_fields(mesh, 1, guess=jnp.zeros((4, 184)))
+
+
+def test_the_trace_of_a_function_of_the_operator():
+    mesh = shapes.icosphere(4)
+
+    def heat(x):
+        return jaxkvf.killing_spectral_sum(mesh.with_vertices(x), lambda value: jnp.exp(-0.1 * value), 6)
+
+    values = jaxkvf.killing_eigenvalues(mesh, 6)
+    np.testing.assert_allclose(heat(mesh.vertices), np.exp(-0.1 * np.asarray(values)).sum(), rtol=1e-10)
+    # By scaling: λ goes with the inverse square of size.
+    rate = jax.jvp(heat, (mesh.vertices,), (mesh.vertices,))[1]
+    np.testing.assert_allclose(rate, (0.2 * values * np.exp(-0.1 * np.asarray(values))).sum(), rtol=1e-6)
+
+
+def test_positions_of_few_digits_are_refused():
+    mesh = shapes.icosphere(2)
+    for dtype in (jnp.bfloat16, jnp.float16):
+        with pytest.raises(ValueError, match=f"must be of float32 or float64, got {dtype.__name__}"):
+            jaxkvf.killing_eigenvalues(mesh.with_vertices(mesh.vertices.astype(dtype)), 2)
+
+
 def test_the_lowest_field_of_a_spheroid_is_its_rotation():
     mesh = shapes.ellipsoid(16)
     field = np.asarray(jaxkvf.killing_fields(mesh, 1).vectors[0])

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import DTypeLike
 
@@ -29,6 +30,8 @@ class GeneralizedEigenproblem(eqx.Module):
             raise ValueError("B must be positive definite: tag it with `lineax.positive_semidefinite_tag`")
         if self.A.in_structure() != self.B.in_structure():
             raise ValueError(f"A acts on {self.A.in_structure()} but B on {self.B.in_structure()}")
+        if self.dtype not in (jnp.float32, jnp.float64):
+            raise ValueError(f"A and B must be of float32 or float64, got {self.dtype}")
 
     @property
     def size(self) -> int:

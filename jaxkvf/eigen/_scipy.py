@@ -140,7 +140,7 @@ class ScipyEigsh(AbstractEigensolver):
             name, problem, *others = eqx.combine(arrays, structure)
             A, B = _matrices(problem)
             with one_blas_thread():
-                factor = kept(name) or shifted_factor(A, B, self.factorization)
+                factor = kept(np.asarray(name)) or shifted_factor(A, B, self.factorization)
                 if factor is None:  # where no eigensolve can have succeeded
                     return np.full(right.shape, np.nan, right.dtype)
                 X, values, F = (np.asarray(array, np.float64) for array in others)

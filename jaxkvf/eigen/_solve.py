@@ -188,8 +188,9 @@ def _compute(
     problem: GeneralizedEigenproblem, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver, k: int
 ) -> tuple[EigenSolution, PyTree]:
     solution, state = solver.compute(_held_assembled(problem), k, guess)
-    # What a solver on the host returns would otherwise be a constant of the tangents' program.
-    return jax.device_put(held(solution)), state
+    # What a solver on the host returns would otherwise be a constant of the tangents' program. One array at a time: under
+    # `vmap` JAX puts several at once only where they have the batch in the same place.
+    return jax.tree.map(jax.device_put, held(solution)), state
 
 
 def _held_assembled(problem: GeneralizedEigenproblem) -> GeneralizedEigenproblem:
