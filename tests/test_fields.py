@@ -93,6 +93,7 @@ def test_a_solution_passes_through_jit():
     assert {name: int(count) for name, count in traced(mesh.vertices).stats.items()}["solves"] > 0
 
 
+@pytest.mark.slow
 def test_a_guess_is_a_warm_start():
     """The fields of a surface, or their coefficients, for one nearby; with fewer steps, and the same values."""
     mesh = shapes.ellipsoid(8)
