@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 _STEPS = {
     "triangulate": "cut quads and other polygons into triangles",
     "drop_invalid": "drop vertices without a finite position, their faces, and faces of missing vertices",
+    "drop_duplicate_faces": "of faces over the same three vertices keep the first",
     "drop_degenerate": (
         "drop faces of fewer than three different corners; take flat faces out so that the surface stays closed"
     ),
-    "drop_duplicate_faces": "of faces over the same three vertices keep the first",
     "split_nonmanifold": "cut along edges of more than two faces, split vertices where sheets touch",
     "orient": "turn faces over until neighbours agree and closed pieces look outwards",
     "drop_unreferenced": "drop vertices of no face",

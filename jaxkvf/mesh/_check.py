@@ -143,10 +143,18 @@ def _errors(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -
     repeated = valid[_defects.with_repeated_corner(faces[valid])]
     _add(found, "faces with a repeated corner", "face", repeated, {"drop_degenerate": True})
     usable = np.setdiff1d(valid, repeated)
+    again, usable = _doubled(faces, usable, len(vertices))
+    _add(found, "faces over the same vertices as another", "face", again, {"drop_duplicate_faces": True})
     flat = usable[_defects.flat_faces(vertices, faces[usable])]
+    gluing = _defects.Gluing.of(faces[usable], len(vertices))
+    pinched = _pinched(gluing, len(vertices))
+    seam = None
+    if gluing.crowded.size or pinched.size or (flat.size and (gluing.uses == 1).any()):
+        seam = closing(vertices, faces[np.setdiff1d(usable, flat)])
+    sewing: Steps = {} if seam is None else {"merge_duplicates": seam.distance or True}
     beyond = usable[_defects.beyond_range(vertices, faces[usable])]
     if len(flat) < len(usable) or len(beyond) == 0:
-        _add(found, "faces of zero area", "face", flat, {"drop_degenerate": True})
+        _add(found, "faces of zero area", "face", flat, sewing | {"drop_degenerate": True})
     _add(
         found,
         "faces beyond the range of the dtype",
@@ -157,29 +165,7 @@ def _errors(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -
     in_range = np.setdiff1d(np.arange(len(faces)), outside)
     unused = _defects.unreferenced(faces[in_range], len(vertices))
     _add(found, "unreferenced vertices", "vertex", unused, {"drop_unreferenced": True})
-    _add_gluing_errors(found, vertices, faces, usable, flat)
-    return found
-
-
-def _add_gluing_errors(
-    found: list[Finding],
-    vertices: Float[np.ndarray, "V 3"],
-    faces: Int[np.ndarray, "F 3"],
-    usable: Int[np.ndarray, " u"],
-    flat: Int[np.ndarray, " z"],
-) -> None:
-    """How faces meet: those that repeat another are set aside first, and copies of vertices are looked for."""
-    again, usable = _doubled(faces, usable, len(vertices))
-    _add(found, "faces over the same vertices as another", "face", again, {"drop_duplicate_faces": True})
-    gluing = _defects.Gluing.of(faces[usable], len(vertices))
-    _, owner = gluing.fans()
-    pinched = np.flatnonzero(np.bincount(owner, minlength=len(vertices)) > 1)
-    pinched = np.setdiff1d(pinched, gluing.edges[gluing.crowded])
-    remedy: Steps = {"split_nonmanifold": True}
-    if gluing.crowded.size or pinched.size:
-        seam = closing(vertices, faces[np.setdiff1d(usable, flat)])
-        if seam is not None:
-            remedy = {"merge_duplicates": seam.distance or True}
+    remedy = sewing or {"split_nonmanifold": True}
     _add(found, "edges of more than two faces", "vertex", gluing.crowded, remedy, _ends_of(gluing))
     _add(found, "vertices where sheets touch", "vertex", pinched, remedy)
     turned, one_sided = gluing.flips()
@@ -191,6 +177,14 @@ def _add_gluing_errors(
         "no orientation exists; cut the surface open",
     )
     _add(found, "faces that look the other way", "face", usable[turned & ~one_sided], {"orient": True})
+    return found
+
+
+def _pinched(gluing: _defects.Gluing, n_vertices: int) -> Int[np.ndarray, " n"]:
+    """Vertices of several fans, where no edge has too many faces."""
+    _, owner = gluing.fans()
+    several = np.flatnonzero(np.bincount(owner, minlength=n_vertices) > 1)
+    return np.setdiff1d(several, gluing.edges[gluing.crowded])
 
 
 def _doubled(

@@ -43,6 +43,7 @@ def without_flat_faces(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray
     A flat face is a longest side with the third corner on it. It goes, and the faces on the other side of that side are
     divided at this corner instead, as by flipping the side; where there are none, it lies at the boundary and just goes.
     Longest sides first: so chains of flat faces dissolve. Two faces that come to lie on one another, turned over, go both.
+    Flat faces with a side without length stay, or come about where two such corners meet: see `short_sides`.
     """
     work = _Faces(vertices, faces)
     limit = _STEPS_A_FACE * len(work.waiting) + 100
@@ -110,7 +111,11 @@ class _Faces:
         self.removed.add(face)
 
     def wait(self, face: int) -> None:
+        """Queues a face if it is flat."""
         row = self.rows[face]
+        as_array = np.array([row])
+        if not flat_faces(self.vertices, as_array).size or len(short_sides(self.vertices, as_array)):
+            return
         heapq.heappush(self.waiting, (-self.lengths(row)[self.longest(row)], face, row))
 
     def pop(self) -> int | None:
@@ -155,5 +160,4 @@ class _Faces:
                 return
         number, self.next_number = self.next_number, self.next_number + 1
         self.add(number, row, corners, origin)
-        if flat_faces(self.vertices, np.array([row])).size:
-            self.wait(number)
+        self.wait(number)

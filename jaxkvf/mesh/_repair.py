@@ -59,8 +59,8 @@ def repair(
     triangulate: bool = False,
     drop_invalid: bool = False,
     merge_duplicates: bool | Real = False,
-    drop_degenerate: bool = False,
     drop_duplicate_faces: bool = False,
+    drop_degenerate: bool = False,
     split_nonmanifold: bool = False,
     orient: bool = False,
     keep_largest: Integer = 0,
@@ -79,10 +79,10 @@ def repair(
         drop_invalid: drop vertices whose position is not finite, their faces, and faces with a corner that is no vertex.
         merge_duplicates: True merges vertices at exactly equal positions into the first of them; a distance merges
             chains of vertices closer than it (closes gaps, and collapses smaller triangles).
+        drop_duplicate_faces: of faces over the same three vertices keep the first.
         drop_degenerate: drop faces of fewer than three corners or with a repeated one. Of faces of zero area: merge the ends
             of a side without length; else hand the longest side to the neighbour, which is divided at the third corner, so
             that the surface stays closed and as it was; where that side is a boundary edge, drop the face.
-        drop_duplicate_faces: of faces over the same three vertices keep the first.
         split_nonmanifold: cut along edges of more than two faces, and give each fan of faces around a vertex a copy of it.
         orient: turn faces over until neighbours agree, as most of each piece (by number of faces) look already, and closed
             pieces until they look outwards; in a piece around them, cavities inwards. One-sided pieces stay as they are.
@@ -103,10 +103,10 @@ def repair(
         work.drop_invalid()
     if merge_duplicates or not exact:
         work.merge(distance)
-    if drop_degenerate:
-        work.drop_degenerate()
     if drop_duplicate_faces:
         work.drop_faces("duplicate faces", _defects.repeated_faces(work.faces))
+    if drop_degenerate:
+        work.drop_degenerate()
     if split_nonmanifold:
         work.split()
     if orient:
@@ -209,18 +209,18 @@ class _Work:
 
     def drop_degenerate(self) -> None:
         self.drop_repeated("faces with a repeated corner or fewer than three")
-        collapsed = 0
-        while len(pairs := short_sides(self.seen, self.faces[flat := self.flat()])):
-            collapsed += self.merge_into(_defects.linked(pairs, len(self.vertices)))
-            self.drop_repeated("", say=False)
-        self.did("merged ends of sides without length", collapsed)
-        divided = dropped = stuck = 0
-        while len(flat):
+        collapsed = divided = dropped = stuck = 0
+        while len(flat := self.flat()):
+            pairs = short_sides(self.seen, self.faces[flat])
+            if len(pairs):
+                collapsed += self.merge_into(_defects.linked(pairs, len(self.vertices)))
+                self.drop_repeated("", say=False)
+                continue
             sound = np.setdiff1d(np.arange(len(self.faces)), invalid_faces(self.vertices, self.faces))
             done = without_flat_faces(self.seen, self.faces[sound])
             self.replace(sound, done)
             divided, dropped, stuck = divided + done.divided, dropped + done.dropped, stuck + done.stuck
-            flat = self.flat()
+        self.did("merged ends of sides without length", collapsed)
         self.did("flat faces, longest side handed to the neighbour", divided)
         self.did("dropped flat faces at the boundary", dropped - stuck)
         self.did("dropped flat faces that could not be divided", stuck)

@@ -11,6 +11,7 @@ from ._defects import Gluing, coincident, with_repeated_corner
 
 _NEAR = 1e-4  # of the size: gaps that text of five digits leaves
 _OF_AN_EDGE = 0.05  # gaps that may not be meant, of the usual edge at the seam
+_SLIVER = 1e-3  # a side this short beside another may collapse
 _FLOAT32 = 16 * float(
     np.finfo(np.float32).eps
 )  # of the largest coordinate: as STL and many PLY files round it
@@ -26,9 +27,10 @@ class Seam(NamedTuple):
 
 
 def closing(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Seam | None:
-    """The least distance at which merging vertices leaves the fewest open edges and collapses no face; None if none helps.
+    """The least distance at which merging vertices leaves the fewest open edges; None if none helps.
 
-    Looked for among the vertices at open edges alone, and up to a small part of their edges' length. Tried, not estimated.
+    Looked for among the vertices at open edges alone, up to a small part of their edges' length, and without collapsing
+    faces that are not slivers. Tried, not estimated.
 
     Args:
         vertices: positions, finite where a face uses them.
@@ -54,14 +56,18 @@ def closing(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -
         gaps, _ = KDTree(places).query(places, k=min(9, len(places)))
         decades = np.unique(np.floor(np.log10(gaps[(gaps > 0) & (gaps < furthest)])))
         candidates += [_rounded_up(10.0 ** (decade + 1) * size) for decade in decades]
+    corner = vertices[faces].astype(np.float64) / size
+    sides = np.linalg.norm(np.roll(corner, -1, axis=1) - corner, axis=2)
+    slivers = sides.min(axis=1) < _SLIVER * sides.max(axis=1)
     best: Seam | None = None
     fewest = len(open_edges)
     for distance in candidates:
         first = coincident(vertices, distance)
         merged = first[faces]
-        if with_repeated_corner(merged).size:
+        collapsed = with_repeated_corner(merged)
+        if not slivers[collapsed].all():
             break
-        left = int((Gluing.of(merged, len(vertices)).uses != 2).sum())
+        left = int((Gluing.of(np.delete(merged, collapsed, axis=0), len(vertices)).uses != 2).sum())
         if left < fewest:
             fewest, best = left, Seam(distance, np.flatnonzero(first != np.arange(len(first))), left)
     return best
