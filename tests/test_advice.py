@@ -95,15 +95,19 @@ def test_flat_faces_go_without_a_trace_in_the_spectrum():
 
 def test_faces_at_the_boundary_and_what_opens_are_counted():
     vertices, faces = GOOD["disk"]
-    outside = np.flatnonzero(np.asarray(shapes.disk(3).topology.is_boundary_edge))[0]
-    a, b = np.asarray(shapes.disk(3).topology.edges)[outside]
-    corner = len(vertices)
+    topology = shapes.disk(3).topology
+    edge = np.flatnonzero(np.asarray(topology.is_boundary_edge))[0]
+    face, side = divmod(int(np.asarray(topology.edge_halfedges)[edge].max()), 3)
+    a, b, c = np.roll(faces[face], -side)
+    middle = len(vertices)
     mesh = (
         np.concatenate([vertices, [(vertices[a] + vertices[b]) / 2]]),
-        np.concatenate([faces, [[b, a, corner]]]),
+        np.concatenate([np.delete(faces, face, 0), [[a, middle, c], [middle, b, c], [a, b, middle]]]),
     )
-    done = repair(mesh, drop_degenerate=True, drop_unreferenced=True)
-    assert done.actions == ("dropped flat faces at the boundary: 1", "dropped unreferenced vertices: 1")
+    assert check(mesh).errors[0].steps == {"drop_degenerate": True}
+    done = repair(mesh, drop_degenerate=True)
+    assert done.actions[0] == "dropped flat faces at the boundary: 1"
+    assert done.actions[1].startswith("boundary edges now: ") and len(done.actions) == 2
     assert done.report.ok
     split = repair((vertices, np.concatenate([faces, faces[:1, ::-1]])), split_nonmanifold=True)
     assert any(action.startswith("pieces now: 2, before: 1") for action in split.actions)

@@ -12,6 +12,7 @@ from ._text import positions, significant_lines
 
 _HEADER_BYTES = 80
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_MOST_ROUNDING = 0.01  # of the usual edge
 _FACET = (b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet")
 
 
@@ -45,7 +46,7 @@ def encode_stl(
 
     Raises:
         ValueError: a position beyond the range of float32.
-        MeshError: rounding would merge vertices, or flatten faces or turn them over.
+        MeshError: rounding would merge vertices, flatten faces or turn them over, or move vertices by 1 % of an edge.
     """
     del attributes  # it has none
     corners = vertices[faces]
@@ -86,7 +87,13 @@ def _harm_of_rounding(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray,
         for x in (vertices / np.abs(vertices).max(), rounded / np.abs(vertices).max())
     )
     turned = np.union1d(flat, np.flatnonzero((before * after).sum(axis=1) < 0))
-    return f"would flatten or turn over {len(turned)} of the {len(faces)} faces" if turned.size else None
+    if turned.size:
+        return f"would flatten or turn over {len(turned)} of the {len(faces)} faces"
+    moved = np.abs(rounded - vertices)[np.unique(faces)].max()
+    edge = np.median(np.linalg.norm(vertices[faces[:, 1]] - vertices[faces[:, 0]], axis=1))
+    if moved > _MOST_ROUNDING * edge:
+        return f"would move vertices by up to {moved:.1g}, beside edges of {edge:.1g}"
+    return None
 
 
 def _ascii_corners(data: bytes) -> Float[np.ndarray, "corners 3"]:
