@@ -60,7 +60,7 @@ def cone(path: Path) -> str:
     slant = along[:, None] * np.array([0.0, 1.0, 1.0])
     cap = np.stack([0 * along, 0 * along + 1, along], axis=1)[1::2]
     starts = jaxkvf.closest_points(mesh, np.concatenate([slant, cap]))
-    curves = jaxkvf.integral_curves(mesh, field, turn.time, *starts)
+    curves = jaxkvf.integral_curves(mesh, field, turn.period, starts)
     scene = viz.Scene(*arrays(mesh), vectors=np.asarray(field), curves=curves.polylines())
     viz.render(path, scene, size=(900, 640))
     return (

@@ -18,7 +18,8 @@ import numpy as np  # noqa: E402
 import pyvista  # noqa: E402
 
 from jaxkvf import shapes  # noqa: E402
-from jaxkvf.flows import FlowStatus, flow, vertex_points  # noqa: E402
+from jaxkvf.flows import FlowStatus, flow  # noqa: E402
+from jaxkvf.geometry import surface_positions, vertex_points  # noqa: E402
 
 _GROUPS = 16
 
@@ -36,16 +37,14 @@ def main() -> None:
     seeds = np.flatnonzero(np.hypot(x[:, 0], x[:, 1]) > 1e-6)[:: options.every]
     print(f"{mesh.topology.n_vertices} vertices, {len(seeds)} tracers, one period (2π)")
 
-    points = vertex_points(mesh.topology, seeds)
+    points = vertex_points(mesh, seeds)
     seconds = []
     for _ in range(options.repeats + 1):
         start = time.perf_counter()
-        end = flow(mesh, jnp.asarray(turn), 2 * np.pi, *points)
+        end = flow(mesh, jnp.asarray(turn), 2 * np.pi, points)
         jax.block_until_ready(end)
         seconds.append(time.perf_counter() - start)
-    there = np.einsum(
-        "nc,ncx->nx", np.asarray(end.barycentric), x[np.asarray(mesh.faces)[np.asarray(end.faces)]]
-    )
+    there = np.asarray(surface_positions(mesh, end.points))
     gap = np.linalg.norm(there - x[seeds], axis=1)
     finished = int((np.asarray(end.status) == FlowStatus.ARRIVED).sum())
     ours = float(np.median(seconds[1:]))

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from jaxkvf import TriangleMesh, shapes
+from jaxkvf import SurfacePoints, TriangleMesh, closest_points, shapes, surface_positions, vertex_points
 from jaxkvf import geometry as g
-from jaxkvf.flows import FlowStatus, SurfacePoints, closest_points, flow, surface_positions, vertex_points
+from jaxkvf.flows import FlowStatus, flow
 
 
 def random_points(mesh, n, seed=0):
     rng = np.random.default_rng(seed)
-    return jnp.asarray(rng.integers(0, mesh.topology.n_faces, n)), jnp.asarray(rng.dirichlet((1, 1, 1), n))
+    return SurfacePoints(rng.integers(0, mesh.topology.n_faces, n), rng.dirichlet((1, 1, 1), n))
 
 
 def positions(mesh, points):
@@ -52,9 +52,9 @@ def test_linear_fields_in_the_plane_are_followed_exactly(disk, matrix):
     matrix = np.array(matrix, float)
     x = np.asarray(disk.vertices)
     vectors = np.pad(x[:, :2] @ matrix.T, ((0, 0), (0, 1)))
-    faces, b = random_points(disk, 200)
-    start = positions(disk, SurfacePoints(faces, b))[:, :2]
-    end = flow(disk, vectors, 0.7, faces, b)
+    points = random_points(disk, 200)
+    start = positions(disk, points)[:, :2]
+    end = flow(disk, vectors, 0.7, points)
     times = np.linspace(0, 0.7, 200)
     furthest = np.max([np.linalg.norm(start @ expm(t * matrix).T, axis=1) for t in times], axis=0)
     stays = (
@@ -68,10 +68,10 @@ def test_linear_fields_in_the_plane_are_followed_exactly(disk, matrix):
 
 def test_a_tracer_that_leaves_says_where_and_when(disk):
     vectors = np.tile([2.0, 0.0, 0.0], (disk.topology.n_vertices, 1))
-    faces, b = random_points(disk, 200)
-    start = positions(disk, SurfacePoints(faces, b))
+    points = random_points(disk, 200)
+    start = positions(disk, points)
     for sign in (1, -1):
-        end = flow(disk, vectors, sign * 10.0, faces, b)
+        end = flow(disk, vectors, sign * 10.0, points)
         there = positions(disk, end.points)
         assert (np.asarray(end.status) == FlowStatus.LEFT).all()
         corner = np.pi / 36  # half the angle of a side of the boundary, a regular polygon of 36
@@ -83,33 +83,33 @@ def test_a_tracer_that_leaves_says_where_and_when(disk):
 
 
 def test_singular_points_stay(disk):
-    middle = vertex_points(disk.topology, [0])
+    middle = vertex_points(disk, [0])
     for vectors in (turning(disk), np.asarray(disk.vertices), -np.asarray(disk.vertices)):
-        end = flow(disk, vectors, 5.0, *middle)
+        end = flow(disk, vectors, 5.0, middle)
         assert end.status.tolist() == [FlowStatus.STATIONARY] and end.time.tolist() == [5.0]
         np.testing.assert_allclose(positions(disk, end.points), 0, atol=1e-15)
     # A sink draws tracers in for ever; none stalls on the way.
-    faces, b = random_points(disk, 200)
-    end = flow(disk, -np.asarray(disk.vertices), 3.0, faces, b)
+    points = random_points(disk, 200)
+    end = flow(disk, -np.asarray(disk.vertices), 3.0, points)
     assert (np.asarray(end.status) == FlowStatus.ARRIVED).all()
-    start = positions(disk, SurfacePoints(faces, b))
+    start = positions(disk, points)
     np.testing.assert_allclose(positions(disk, end.points), np.exp(-3) * start, atol=1e-12)
 
 
 def test_group_property_and_inverse(swirl):
     mesh, vectors = swirl
-    faces, b = random_points(mesh, 200)
+    points = random_points(mesh, 200)
     scale = mean_edge(mesh)
-    once = flow(mesh, vectors, 0.9, faces, b)
+    once = flow(mesh, vectors, 0.9, points)
     assert np.isin(once.status, [FlowStatus.ARRIVED]).all()
-    half = flow(mesh, vectors, 0.4, faces, b)
-    twice = flow(mesh, vectors, 0.5, *half.points)
+    half = flow(mesh, vectors, 0.4, points)
+    twice = flow(mesh, vectors, 0.5, half.points)
     gap = np.abs(positions(mesh, once.points) - positions(mesh, twice.points)).max(axis=1)
     assert gap.max() <= 1e-8 * scale
-    back = flow(mesh, vectors, -0.9, *once.points)
-    start = positions(mesh, flow(mesh, vectors, 0.0, faces, b).points)
+    back = flow(mesh, vectors, -0.9, once.points)
+    start = positions(mesh, flow(mesh, vectors, 0.0, points).points)
     assert np.abs(positions(mesh, back.points) - start).max() <= 1e-7 * scale
-    each = flow(mesh, vectors, np.where(np.arange(200) % 2, 0.9, -0.9), faces, b)
+    each = flow(mesh, vectors, np.where(np.arange(200) % 2, 0.9, -0.9), points)
     np.testing.assert_allclose(
         positions(mesh, each.points)[1::2], positions(mesh, once.points)[1::2], atol=1e-12
     )
@@ -123,14 +123,14 @@ def test_second_order_on_the_sphere():
         mesh = shapes.icosphere(frequency)
         x = np.asarray(mesh.vertices)
         towards_pole = np.array([0, 0, 1.0]) - x[:, 2:] * x
-        faces, b = random_points(mesh, 200)
-        start = flow(mesh, turning(mesh), 0.0, faces, b)
+        points = random_points(mesh, 200)
+        start = flow(mesh, turning(mesh), 0.0, points)
         p = positions(mesh, start.points)
         p = p / np.linalg.norm(p, axis=1, keepdims=True)
-        turned = positions(mesh, flow(mesh, turning(mesh), 1.0, faces, b).points)
+        turned = positions(mesh, flow(mesh, turning(mesh), 1.0, points).points)
         c, s = np.cos(1), np.sin(1)
         exact_turn = np.stack([c * p[:, 0] - s * p[:, 1], s * p[:, 0] + c * p[:, 1], p[:, 2]], axis=1)
-        risen = positions(mesh, flow(mesh, towards_pole, 1.0, faces, b).points)
+        risen = positions(mesh, flow(mesh, towards_pole, 1.0, points).points)
         height = np.tanh(1 + np.arctanh(p[:, 2]))
         ring = np.sqrt((1 - height**2) / (1 - p[:, 2] ** 2))
         exact_rise = np.stack([ring * p[:, 0], ring * p[:, 1], height], axis=1)
@@ -174,19 +174,17 @@ def test_isometric_surfaces_have_the_same_flow():
         jnp.asarray(turning(meshes[0]) + np.array([0, 0, 0.3])),
         g.vertex_frames(meshes[0].vertices, meshes[0].topology),
     )
-    faces, b = random_points(meshes[0], 200)
-    ends = [
-        flow(m, g.embed(intrinsic, g.vertex_frames(m.vertices, m.topology)), 2.0, faces, b) for m in meshes
-    ]
-    np.testing.assert_array_equal(ends[0].faces, ends[1].faces)
+    points = random_points(meshes[0], 200)
+    ends = [flow(m, g.embed(intrinsic, g.vertex_frames(m.vertices, m.topology)), 2.0, points) for m in meshes]
+    np.testing.assert_array_equal(ends[0].points.faces, ends[1].points.faces)
     np.testing.assert_array_equal(ends[0].status, ends[1].status)
-    np.testing.assert_allclose(ends[0].barycentric, ends[1].barycentric, atol=1e-10)
+    np.testing.assert_allclose(ends[0].points.barycentric, ends[1].points.barycentric, atol=1e-10)
     assert 20 < (np.asarray(ends[0].status) == FlowStatus.LEFT).sum() < 180
 
 
 def test_a_tangential_boundary_is_a_flow_line():
     mesh = shapes.spherical_band(24, 6)
-    end = flow(mesh, turning(mesh), 2 * np.pi, *vertex_points(mesh.topology))
+    end = flow(mesh, turning(mesh), 2 * np.pi, vertex_points(mesh))
     assert (np.asarray(end.status) == FlowStatus.ARRIVED).all()
     there = positions(mesh, end.points)
     edge = np.asarray(mesh.topology.is_boundary_vertex)
@@ -199,7 +197,7 @@ def test_nothing_stalls_on_rough_fields(seed):
     """Random vectors on bad triangles: every tracer arrives, or rests where the field leads nowhere."""
     mesh = shapes.random_sphere(642, seed, radii=(1, 1, 2.5))
     vectors = np.random.default_rng(seed).standard_normal((642, 3))
-    end = flow(mesh, vectors, 1.0, *vertex_points(mesh.topology), max_steps=20_000)
+    end = flow(mesh, vectors, 1.0, vertex_points(mesh), max_steps=20_000)
     status = np.asarray(end.status)
     assert not (status == FlowStatus.UNFINISHED).any()
     assert (status == FlowStatus.ARRIVED).mean() > 0.97, np.bincount(status)
@@ -208,8 +206,8 @@ def test_nothing_stalls_on_rough_fields(seed):
 @pytest.mark.slow
 def test_closest_points():
     mesh = shapes.random_sphere(100, radii=(1, 2, 3))
-    faces, b = random_points(mesh, 200)
-    on = positions(mesh, SurfacePoints(faces, b))
+    points = random_points(mesh, 200)
+    on = positions(mesh, points)
     found = closest_points(mesh, on)
     np.testing.assert_allclose(positions(mesh, found), on, atol=1e-12)
     away = 3 * np.random.default_rng(1).standard_normal((50, 3))
@@ -221,21 +219,26 @@ def test_closest_points():
 
 
 def test_bad_input_is_named(disk):
-    turn, (faces, b) = turning(disk), random_points(disk, 2)
+    turn, points = turning(disk), random_points(disk, 2)
+    faces, b = points.faces, points.barycentric
     for arguments, message in (
-        ((0 * turn, 1.0, faces, b), "zero everywhere"),
-        ((turn[:-1], 1.0, faces, b), "vectors must have shape"),
-        ((turn * np.nan, 1.0, faces, b), "vectors must be finite; at vertex 0"),
-        ((turn, np.nan, faces, b), "t must be finite, got nan"),
-        ((turn, np.array([1.0, 2, 3]), faces, b), "t must be a number"),
-        ((turn, 1.0, np.array([0, 10_000]), b), "point 1 is in face 10000"),
-        ((turn, 1.0, faces, 2 * b), "point 0 is off the mesh"),
-        ((turn, 1.0, faces, np.array([[0.5, 0.6, -0.1], [1, 0, 0]])), "point 0 is off the mesh"),
-        ((turn, 1.0, b, faces), "points need integer faces"),
+        ((0 * turn, 1.0, points), "zero everywhere"),
+        ((turn[:-1], 1.0, points), "vectors must have shape"),
+        ((turn * np.nan, 1.0, points), "vectors must be finite; at vertex 0"),
+        ((turn, np.nan, points), "time must be finite, got nan"),
+        ((turn, np.array([1.0, 2, 3]), points), "time must be a number"),
+        ((turn, 1.0, SurfacePoints([0, 10_000], b)), "point 1 is in face 10000"),
+        ((turn, 1.0, SurfacePoints(faces, 2 * b)), "point 0 is off the mesh"),
+        ((turn, 1.0, SurfacePoints(faces, [[0.5, 0.6, -0.1], [1, 0, 0]])), "point 0 is off the mesh"),
+        ((turn, 1.0, SurfacePoints(faces, b[:, :2])), "points need integer faces"),
     ):
         with pytest.raises(ValueError, match=message):
             flow(disk, *arguments)
+    with pytest.raises(TypeError, match="points must be SurfacePoints"):
+        flow(disk, turn, 1.0, (faces, b))
+    with pytest.raises(ValueError, match="max_steps must be an integer of at least 1"):
+        flow(disk, turn, 1.0, points, max_steps=0)
     with pytest.raises(ValueError, match="vertex 999 does not exist"):
-        vertex_points(disk.topology, [999])
+        vertex_points(disk, [999])
     with pytest.raises(ValueError, match="positions must be finite"):
         closest_points(disk, [[0, 0, np.nan]])

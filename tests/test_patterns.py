@@ -9,9 +9,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 import jaxkvf
-from jaxkvf import TriangleMesh, patterns, shapes
+from jaxkvf import TriangleMesh, patterns, shapes, vertex_points
 from jaxkvf import geometry as g
-from jaxkvf.flows import flow, vertex_points
+from jaxkvf.flows import flow
 from jaxkvf.patterns import bump, emboss, heights, paint, pattern, save_colored, save_textured, stripes
 from jaxkvf.patterns._subdivision import subdivided
 
@@ -40,16 +40,16 @@ def pieces(mesh, where):
 
 def change(mesh, values, time):
     """RMS of f∘φ^q − f, relative to that of f."""
-    end = flow(mesh, turning(mesh), time, *vertex_points(mesh.topology))
-    corners = values[np.asarray(mesh.faces)[np.asarray(end.faces)]]
-    moved = (np.asarray(end.barycentric) * corners).sum(axis=1)
+    end = flow(mesh, turning(mesh), time, vertex_points(mesh))
+    corners = values[np.asarray(mesh.faces)[np.asarray(end.points.faces)]]
+    moved = (np.asarray(end.points.barycentric) * corners).sum(axis=1)
     return np.sqrt(((moved - values) ** 2).mean() / (values**2).mean())
 
 
 @pytest.fixture(scope="module")
 def spheroid():
     mesh = shapes.ellipsoid(16)
-    return pattern(mesh, turning(mesh), np.array([at_height(mesh, 0.2)]), 5, time=2 * np.pi)
+    return pattern(mesh, turning(mesh), np.array([at_height(mesh, 0.2)]), 5, period=2 * np.pi)
 
 
 def test_copies_are_counted_and_the_group_keeps_them(spheroid):
@@ -65,8 +65,8 @@ def test_copies_are_counted_and_the_group_keeps_them(spheroid):
 @pytest.mark.slow
 def test_a_vase_finely_divided():
     mesh = shapes.vase(96)
-    found = jaxkvf.period(mesh, turning(mesh)).time
-    made = pattern(mesh, turning(mesh), np.array([at_height(mesh, 1.1)]), 9, time=found, subdivide=2)
+    found = jaxkvf.period(mesh, turning(mesh)).period
+    made = pattern(mesh, turning(mesh), np.array([at_height(mesh, 1.1)]), 9, period=found, subdivide=2)
     assert pieces(made.mesh, heights(made) > 0.3) == 9
     assert change(made.mesh, heights(made), found / 9) <= 0.02
 
@@ -77,7 +77,7 @@ def test_the_disk_is_a_normal_chart_along_the_field():
     mesh = shapes.cylinder(48, height=3.0)
     x = np.asarray(mesh.vertices)
     p = int(np.argmin(np.abs(x[:, 2]) + np.abs(np.arctan2(x[:, 1], x[:, 0]))))
-    made = pattern(mesh, turning(mesh), np.array([p]), 4, time=2 * np.pi, radius=0.6)
+    made = pattern(mesh, turning(mesh), np.array([p]), 4, period=2 * np.pi, radius=0.6)
     chart = made.coordinates[0]
     inside = ~np.isnan(chart[:, 0])
     angle = np.angle(np.exp(1j * (np.arctan2(x[:, 1], x[:, 0]) - np.arctan2(x[p, 1], x[p, 0]))))
@@ -145,16 +145,16 @@ def test_stripes_follow_the_group():
     mesh = shapes.ellipsoid(16)
     x = np.asarray(mesh.vertices)
     away = np.hypot(x[:, 0], x[:, 1]) > 0.4
-    across = stripes(mesh, turning(mesh), 4, time=2 * np.pi)
+    across = stripes(mesh, turning(mesh), 4, period=2 * np.pi)
     phase = 4 * np.arctan2(x[:, 1], x[:, 0])
     fit = np.linalg.lstsq(np.stack([np.cos(phase), np.sin(phase)], 1)[away], across[away])[0]
     rest = np.stack([np.cos(phase), np.sin(phase)], 1) @ fit - across
     assert np.linalg.norm(fit) == pytest.approx(1, abs=0.01) and np.sqrt((rest[away] ** 2).mean()) < 0.05
     along = stripes(mesh, turning(mesh), 2, direction="along")
-    turned = flow(mesh, turning(mesh), 1.0, *vertex_points(mesh.topology))
-    moved = (np.asarray(turned.barycentric) * along[np.asarray(mesh.faces)[np.asarray(turned.faces)]]).sum(
-        axis=1
-    )
+    turned = flow(mesh, turning(mesh), 1.0, vertex_points(mesh))
+    moved = (
+        np.asarray(turned.points.barycentric) * along[np.asarray(mesh.faces)[np.asarray(turned.points.faces)]]
+    ).sum(axis=1)
     assert np.sqrt(((moved - along) ** 2).mean()) < 0.02 and along.min() < -0.9
     torus = shapes.torus(24, 12)
     with pytest.raises(ValueError, match="no single-valued stream function"):
@@ -166,19 +166,19 @@ def test_bad_input_is_named(spheroid, tmp_path):
     turn, at = turning(mesh), np.array([at_height(mesh, 0.2)])
     for arguments, options, message in (
         ((turn, at, 0), {}, "m must be an integer of at least 1, got 0"),
-        ((turn, np.array([9999]), 3), {"time": 1.0}, "vertex 9999 does not exist"),
-        ((turn, at, 3), {"time": 6.0, "radius": -1.0}, "radius must be positive and finite, got -1.0"),
-        ((turn, at, 3), {"time": 6.0, "subdivide": 0}, "subdivide must be an integer"),
+        ((turn, np.array([9999]), 3), {"period": 1.0}, "vertex 9999 does not exist"),
+        ((turn, at, 3), {"period": 6.0, "radius": -1.0}, "radius must be positive and finite, got -1.0"),
+        ((turn, at, 3), {"period": 6.0, "subdivide": 0}, "subdivide must be an integer"),
         (
             (turn, np.array([int(np.argmax(mesh.vertices[:, 2]))]), 3),
-            {"time": 6.0},
+            {"period": 6.0},
             "the field vanishes at vertex",
         ),
     ):
         with pytest.raises(ValueError, match=message):
             pattern(mesh, *arguments, **options)
     with pytest.warns(UserWarning, match="m ≤ 6 of this radius would fit"):
-        pattern(mesh, turn, at, 8, time=2 * np.pi, radius=0.5)
+        pattern(mesh, turn, at, 8, period=2 * np.pi, radius=0.5)
     with pytest.raises(ValueError, match=r"written as \.glb or \.obj, not '\.stl'"):
         save_textured(tmp_path / "x.stl", spheroid, np.zeros((4, 4, 3)))
     with pytest.raises(ValueError, match=r"written as \.ply"):

@@ -42,7 +42,7 @@ def about_z(mesh: TriangleMesh) -> Contents:
         "made by hand",
     )
     some = np.ones(4)
-    closed = Period(3.0, 0.0, some, some, 0 * some, some > 0, np.arange(4))
+    closed = Period(3.0, 0.0, 0, some, some, 0 * some, some > 0, np.arange(4), np.zeros(4, int))
     lines = FlowLines(
         x[np.asarray(mesh.faces)[:5]], np.arange(5)[:, None] + np.zeros((1, 3), int), np.full(5, 3), 3.0
     )
@@ -121,7 +121,7 @@ def test_contents_are_those_of_the_fields():
     energies = told.strains**2 @ np.asarray(barycentric_vertex_areas(lengths, mesh.topology))
     np.testing.assert_allclose(energies, told.fields.eigenvalues, rtol=1e-6, atol=1e-12)
     x, (turning, _) = np.asarray(mesh.vertices), told.lines
-    assert told.periods[0] is not None and turning.duration == told.periods[0].time
+    assert told.periods[0] is not None and turning.duration == told.periods[0].period
     start, end = turning.positions[:, 0], turning.positions[:, -1]
     assert np.linalg.norm(end - start, axis=1).max() < 0.1 * float(lengths.mean())
     starts = np.sort(start[:, 2])

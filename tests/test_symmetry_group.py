@@ -5,7 +5,7 @@ import pytest
 
 import jaxkvf
 from jaxkvf import geometry as g
-from jaxkvf import shapes
+from jaxkvf import shapes, surface_positions, vertex_points
 from jaxkvf.flows import (
     FlowStatus,
     distance_distortion,
@@ -15,8 +15,6 @@ from jaxkvf.flows import (
     lie_bracket,
     orbit,
     period,
-    surface_positions,
-    vertex_points,
 )
 
 
@@ -36,10 +34,10 @@ def whole_period(frequency):
     mesh = shapes.ellipsoid(frequency)
     field, angular = killing(mesh)
     found = period(mesh, field, curves=32)
-    change = isometry_error(mesh, field, found.time)
+    change = isometry_error(mesh, field, found.period)
     edge = float(g.edge_lengths(mesh.vertices, mesh.topology).mean())
     gap = np.linalg.norm(np.asarray(change.vertices - mesh.vertices), axis=1).mean() / edge
-    return found.time / (2 * np.pi / abs(angular)) - 1, change, gap, found
+    return found.period / (2 * np.pi / abs(angular)) - 1, change, gap, found
 
 
 @pytest.mark.slow
@@ -75,22 +73,17 @@ def test_geodesic_distances_are_kept():
 def test_orbits_are_regular_polygons():
     mesh = shapes.ellipsoid(16)
     field = 0.5 * turning(mesh)
-    start = vertex_points(mesh.topology, [300, 700, 1100])
-    found = orbit(mesh, field, 5, *start, time=4 * np.pi)
-    assert found.faces.shape == (5, 3) and found.barycentric.shape == (5, 3, 3)
-    x = np.stack(
-        [
-            np.asarray(surface_positions(mesh, type(start)(f, b)))
-            for f, b in zip(found.faces, found.barycentric, strict=True)
-        ]
-    )
+    start = vertex_points(mesh, [300, 700, 1100])
+    found = orbit(mesh, field, 5, start, period=4 * np.pi)
+    assert found.points.faces.shape == (5, 3) and found.points.barycentric.shape == (5, 3, 3)
+    x = np.asarray(surface_positions(mesh, found.points))
     angle = np.arctan2(x[..., 1], x[..., 0])
     steps = np.mod(np.diff(angle, axis=0, append=angle[:1]), 2 * np.pi)
     np.testing.assert_allclose(steps, 2 * np.pi / 5, atol=5e-3)
     np.testing.assert_allclose(x[..., 2], np.broadcast_to(x[:1, :, 2], (5, 3)), atol=2e-3)
     assert float(found.closure.max()) < 5e-3
     # The default period is the same.
-    again = orbit(mesh, field, 5, *start)
+    again = orbit(mesh, field, 5, start)
     np.testing.assert_allclose(np.asarray(again.closure), 0, atol=5e-3)
 
 
@@ -124,34 +117,36 @@ def test_linear_combinations_flow_along_the_sum():
     x = np.asarray(mesh.vertices)
     both = turning(mesh) + np.cross([1.0, 0, 0], x)
     found = period(mesh, both, curves=32)
-    assert found.time == pytest.approx(2 * np.pi / np.sqrt(2), rel=5e-3)
+    assert found.period == pytest.approx(2 * np.pi / np.sqrt(2), rel=5e-3)
     assert found.closed.all()
 
 
 def test_integral_curves_have_times_and_end_at_the_boundary():
     mesh = shapes.disk(6)
     vectors = np.tile([1.0, 0, 0], (mesh.topology.n_vertices, 1))
-    start = vertex_points(mesh.topology, [0, 1])
-    curves = integral_curves(mesh, vectors, 2.0, *start, samples=20)
+    start = vertex_points(mesh, [0, 1])
+    curves = integral_curves(mesh, vectors, 2.0, start, samples=20)
     assert curves.positions.shape == (2, 21, 3) and curves.times.shape == (2, 21)
     assert (curves.status == FlowStatus.LEFT).all()
     np.testing.assert_allclose(curves.times[:, :8], np.tile(0.1 * np.arange(8), (2, 1)))
-    for x, line, t in zip(np.asarray(mesh.vertices)[:2], curves.polylines(), curves.times, strict=True):
+    for x, line, t in zip(
+        np.asarray(mesh.vertices)[:2], curves.polylines(), np.asarray(curves.times), strict=True
+    ):
         np.testing.assert_allclose(line[:, 0], x[0] + t[: len(line)], atol=1e-12)
         assert len(line) < 21 and np.hypot(*line[-1, :2]) > np.cos(np.pi / 36) - 1e-12
 
 
 def test_bad_input_is_named():
     mesh = shapes.icosphere(4)
-    turn, points = turning(mesh), vertex_points(mesh.topology, [5])
+    turn, points = turning(mesh), vertex_points(mesh, [5])
     for m in (0, -1):
         with pytest.raises(ValueError, match="m must be an integer of at least 1"):
-            orbit(mesh, turn, m, *points, time=1.0)
+            orbit(mesh, turn, m, points, period=1.0)
     with pytest.raises(ValueError, match="zero everywhere"):
         period(mesh, 0 * turn)
     x = np.asarray(mesh.vertices)
     with pytest.raises(ValueError, match="the field has no period: none of 32 integral curves closes"):
         period(mesh, np.array([0, 0, 1.0]) - x[:, 2:] * x, curves=32)
     with pytest.raises(ValueError, match="samples must be an integer"):
-        integral_curves(mesh, turn, 1.0, *points, samples=0)
-    assert flow(mesh, turn, 0.0, *points).status.tolist() == [FlowStatus.ARRIVED]
+        integral_curves(mesh, turn, 1.0, points, samples=0)
+    assert flow(mesh, turn, 0.0, points).status.tolist() == [FlowStatus.ARRIVED]

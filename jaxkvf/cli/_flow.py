@@ -10,8 +10,8 @@ import numpy as np
 
 from ..fields import KillingFields, killing_fields
 from ..files import write_whole
-from ..flows import Period, integral_curves, isometry_error, period, vertex_points
-from ..geometry import edge_lengths, mean_edge_length
+from ..flows import NoPeriodError, Period, closed_field, integral_curves, isometry_error, period
+from ..geometry import edge_lengths, mean_edge_length, vertex_points
 from ..mesh import TriangleMesh
 from ..patterns import (
     emboss,
@@ -44,6 +44,11 @@ def add_to(commands: Any) -> None:
         command.add_argument("mesh", type=Path, metavar="MESH", help=f"a {READABLE} file")
         command.add_argument(
             "--field", type=count, default=0, help="number of the Killing field, from 0 (default: 0)"
+        )
+        command.add_argument(
+            "--closed",
+            action="store_true",
+            help="of the fields whose λ equals that one's, take the combination whose curves close",
         )
     flow.add_argument(
         "-t", "--time", type=finite, help="time to go, for a field of unit norm (default: the period)"
@@ -100,42 +105,82 @@ def add_to(commands: Any) -> None:
 
 
 def _solved(options: argparse.Namespace, console: "Console") -> tuple[TriangleMesh, KillingFields, Any]:
-    """The mesh, its fields, and the one that was asked for."""
+    """The mesh, its fields, and the one that was asked for or all of its cluster, `[d, V, 3]`."""
     with console.status("reading"):
         mesh = TriangleMesh.load(options.mesh)
-    with console.status(f"solving for field {options.field} on {mesh.topology.n_vertices} vertices"):
-        found = killing_fields(mesh, options.field + 1)
-    value = float(found.dimensionless[options.field])
-    console.print(f"{options.mesh.name}: {size_of(mesh)}; field {options.field}: λ·area = {value:.6g}")
-    return mesh, found, found.vectors[options.field]
+    wanted = options.field
+    with console.status(f"solving for field {wanted} on {mesh.topology.n_vertices} vertices"):
+        found = killing_fields(mesh, wanted + 1)
+        k, most = wanted + 4, min(wanted + 64, mesh.topology.n_vertices // 2)
+        while options.closed and k <= most:
+            found, k = killing_fields(mesh, k), 2 * k
+            if found.clusters[-1] != found.clusters[wanted]:
+                break
+    value = float(found.dimensionless[wanted])
+    console.print(f"{options.mesh.name}: {size_of(mesh)}; field {wanted}: λ·area = {value:.6g}")
+    if not options.closed:
+        return mesh, found, found.vectors[wanted]
+    same = np.flatnonzero(np.asarray(found.clusters == found.clusters[wanted]))
+    console.print(f"fields of this λ: {', '.join(map(str, same))}")
+    return mesh, found, found.vectors[same]
+
+
+def _with_period(
+    options: argparse.Namespace, console: "Console"
+) -> tuple[TriangleMesh, KillingFields, Any, Period | NoPeriodError, list[str]]:
+    """The mesh, its fields, the one to follow, its period or why it has none, and warnings."""
+    mesh, fields, vectors = _solved(options, console)
+    with console.status("looking for the period"), warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        found: Period | NoPeriodError
+        try:
+            if options.closed:
+                closed = closed_field(mesh, vectors)
+                vectors, found = closed.vectors, closed.period
+            else:
+                found = period(mesh, vectors)
+        except NoPeriodError as failure:
+            vectors, found = (vectors[0] if options.closed else vectors), failure
+    for warning in caught:
+        console.print(f"warning: {warning.message}", style="yellow")
+    return mesh, fields, vectors, found, [str(warning.message) for warning in caught]
+
+
+def _why(failure: NoPeriodError, options: argparse.Namespace) -> str:
+    remedy = (
+        "take a field of a smaller λ: --field NUMBER"
+        if options.closed
+        else "if other fields have the same λ (jaxkvf fields tells), try --closed, which combines them"
+    )
+    return f"{failure.what}; {remedy}"
 
 
 def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     """Follows a Killing field: its period, its integral curves, and how nearly its flow keeps lengths."""
     check_writable(options.output, options.picture)
-    mesh, fields, vectors = _solved(options, console)
-    with console.status("looking for the period"):
-        found, why = _period(mesh, vectors)
-    if found is None:
+    mesh, fields, vectors, result, said = _with_period(options, console)
+    found = None if isinstance(result, NoPeriodError) else result
+    if isinstance(result, NoPeriodError):
         if options.time is None:
-            raise ValueError(f"{why}, or say how far to go: -t TIME")
-        console.print(why, style="yellow")
+            raise ValueError(f"{_why(result, options)}, or say how far to go: -t TIME")
+        console.print(_why(result, options), style="yellow")
     else:
-        closed = int(found.closed.sum())
+        closed = int(result.closed.sum())
         console.print(
-            f"period T = {found.time:.6g} (spread {found.spread:.1e}), {closed} of {len(found.closed)} curves closed, "
-            f"gaps up to {np.nanmax(found.gaps):.1e} of their length"
+            f"period T = {result.period:.6g} (spread {result.spread:.1e}), {closed} of {len(result.closed)} curves closed, "
+            f"gaps up to {np.nanmax(result.gaps):.1e} of their length"
         )
-    time = options.time if found is None or options.time is not None else found.time
+    time = options.time if found is None or options.time is not None else found.period
     with console.status("following all vertices"):
         change = isometry_error(mesh, vectors, time)
     console.print(
         f"after t = {time:.6g}: edge lengths changed by {change.relative_rms:.2e} (relative RMS; Err = {change.err:.1e}), "
-        f"{100 * change.finished:.1f} % of the vertices stayed on the surface"
+        f"{100 * change.finished:.1f} % of the vertices went all the way"
     )
-    speeds = np.linalg.norm(np.asarray(vectors), axis=1)
-    chosen = np.argsort(speeds)[_spread(speeds, options.curves)]
-    curves = integral_curves(mesh, vectors, time, *vertex_points(mesh.topology, chosen))
+    here = np.flatnonzero(mesh.topology.components()[1] == result.component)
+    speeds = np.linalg.norm(np.asarray(vectors), axis=1)[here]
+    chosen = here[np.argsort(speeds)[_spread(speeds, options.curves)]]
+    curves = integral_curves(mesh, vectors, time, vertex_points(mesh, chosen))
     if options.output is not None:
         content = io.BytesIO()
         np.savez(
@@ -161,20 +206,14 @@ def _flow(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         "mesh": str(options.mesh),
         "field": options.field,
         "time": time,
-        "period": None if found is None else found.time,
+        "period": None if found is None else found.period,
         "period_spread": None if found is None else found.spread,
         "closed_curves": None if found is None else int(found.closed.sum()),
         "relative_rms_edge_error": change.relative_rms,
         "err": change.err,
+        "warnings": said,
         "picture": drawn,
     }
-
-
-def _period(mesh: TriangleMesh, vectors: Any) -> tuple[Period | None, str]:
-    try:
-        return period(mesh, vectors), ""
-    except ValueError as failure:
-        return None, str(failure)
 
 
 def _spread(speeds: np.ndarray, count: int) -> np.ndarray:
@@ -192,13 +231,14 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
     if options.stripes is not None and output.suffix.lower() != ".ply":
         raise ValueError(f"stripes are colours at vertices: write them to a .ply, not {output.suffix}")
     image = _rings() if options.image is None else read_image(options.image)
-    mesh, fields, vectors = _solved(options, console)
-    found = period(mesh, vectors)
-    report: dict[str, Any] = {"mesh": str(options.mesh), "output": str(output), "period": found.time}
+    mesh, fields, vectors, found, said = _with_period(options, console)
+    if isinstance(found, NoPeriodError):
+        raise ValueError(_why(found, options))
+    report: dict[str, Any] = {"mesh": str(options.mesh), "output": str(output), "period": found.period}
     made = None
     if options.stripes is not None:
         with console.status("stripes"):
-            values = stripes(mesh, vectors, options.copies, direction=options.stripes, time=found.time)
+            values = stripes(mesh, vectors, options.copies, direction=options.stripes, period=found.period)
         shape = mesh
         dark, light = np.array([0.16, 0.35, 0.55]), np.array([0.96, 0.92, 0.80])
         colors = dark + (0.5 + 0.5 * np.tanh(4 * values))[:, None] * (light - dark)
@@ -214,7 +254,7 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
                 np.asarray(centers),
                 options.copies,
                 radius=options.radius,
-                time=found.time,
+                period=found.period,
                 subdivide=options.subdivide,
             )
         for warning in caught:
@@ -229,8 +269,8 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         else:
             save_textured(output, made, image, mesh=shape)
         report |= {"centers": centers, "copies": len(made.coordinates), "radius": made.radius}
-        report["warnings"] = [str(warning.message) for warning in caught]
-    console.print(f"period T = {found.time:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
+        said += [str(warning.message) for warning in caught]
+    console.print(f"period T = {found.period:.6g}; wrote {', '.join(map(str, (output, *beside)))}")
 
     def draw(path: Path) -> None:
         from ..viz import Scene, Texture, render  # noqa: PLC0415
@@ -241,7 +281,7 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         render(path, scene, view=upright(options, mesh, fields))
 
     picture = options.picture or output.with_name(f"{output.stem}-pattern.png")
-    return report | {"picture": draw_picture(draw, picture, options, console)}
+    return report | {"warnings": said, "picture": draw_picture(draw, picture, options, console)}
 
 
 def _rings(pixels: int = 256) -> np.ndarray:

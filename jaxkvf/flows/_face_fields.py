@@ -19,8 +19,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from ..geometry import cone_angles, corner_angles, edge_angles, edge_directions, face_areas
-from ..mesh import Topology
+from ..geometry import (
+    cone_angles,
+    corner_angles,
+    edge_angles,
+    edge_directions,
+    edge_lengths,
+    face_areas,
+    project,
+    vertex_frames,
+)
+from ..mesh import Topology, TriangleMesh
 
 LEAVES = -1
 STAYS = -2
@@ -36,21 +45,36 @@ class FaceField(eqx.Module):
     """Halfedge of the neighbour across each halfedge (F 3), then corner from which a tracer at each corner's vertex goes on
     (F 3); `LEAVES` where the surface ends, `STAYS` where the field vanishes."""
 
+    @property
+    def n_faces(self) -> int:
+        return self.velocities.shape[0]
+
 
 @jax.jit
-def face_field(vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology) -> FaceField:
-    """The flow field of vertex vectors given in their intrinsic polar frames.
+def tracing_field(mesh: TriangleMesh, vectors: Float[Array, "V 3"]) -> FaceField:
+    """The field of vertex vectors on two sheets of the mesh, forwards on faces 0…F−1 and backwards on F…2F−1."""
+    topology = mesh.topology
+    lengths = edge_lengths(mesh.vertices, topology)
+    intrinsic = project(vectors, vertex_frames(mesh.vertices, topology))
+    sheets = [_sheet(u, lengths, topology) for u in (intrinsic, -intrinsic)]
+    further = 3 * topology.n_faces
+    twins, departures = (
+        jnp.concatenate([ahead, jnp.where(back < 0, back, back + further)])
+        for ahead, back in zip(
+            *[(_twins(topology), _departures(m, topology)) for m, _ in sheets], strict=True
+        )
+    )
+    return FaceField(jnp.concatenate([packed for _, packed in sheets]), jnp.concatenate([twins, departures]))
 
-    Args:
-        vectors: components in the frames of `jaxkvf.geometry`. Unit: length / time.
-        lengths: edge lengths.
-        topology: connectivity.
-    """
+
+def _sheet(
+    vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
+) -> tuple[Float[Array, "F 3 3"], Float[Array, "F 8"]]:
+    """J of each face, and the rows of `FaceField.velocities`."""
     matrix = barycentric_velocities(vectors, lengths, topology)
     off_diagonal = [matrix[:, i, j] for i, j in ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))]
-    rate = _gradient_norms(matrix, lengths, topology)
-    packed = jnp.stack([*off_diagonal, rate, jnp.zeros_like(rate)], axis=1)
-    return FaceField(packed, jnp.concatenate([_twins(topology), _departures(matrix, topology)]))
+    rate = _gradient_norms(jax.lax.stop_gradient(matrix), jax.lax.stop_gradient(lengths), topology)
+    return matrix, jnp.stack([*off_diagonal, rate, jnp.zeros_like(rate)], axis=1)
 
 
 def barycentric_velocities(
@@ -65,10 +89,14 @@ def barycentric_velocities(
     angle = corner_angles(lengths, topology)
     stretch = jnp.where(topology.is_boundary_vertex, 1.0, 2 * jnp.pi / cone_angles(lengths, topology))
     vector = vectors[topology.faces]
-    speed = jnp.linalg.norm(vector, axis=2)
+    speed = _norms(vector)
     at_ends = edge_angles(lengths, topology)[topology.face_edges]
     first_side = jnp.where(forward, at_ends[..., 0], at_ends[..., 1])
-    heading = jnp.mod(jnp.arctan2(vector[..., 1], vector[..., 0]) - first_side, 2 * jnp.pi)
+    x, y = (
+        jnp.where(speed > 0, vector[..., 0], 1.0),
+        vector[..., 1],
+    )  # any angle will do where the vector is 0
+    heading = jnp.mod(jnp.arctan2(y, x) - first_side, 2 * jnp.pi)
     heading, fits = _into_corner(heading, angle, stretch[topology.faces])
     flow_line = ((across == 0).all(axis=1) & topology.is_boundary_edge)[topology.face_edges]
     heading = _along_boundary(heading, angle, flow_line)
@@ -128,11 +156,17 @@ def _normal_components(
     tangent = edge_directions(lengths, topology)
     at_ends = vectors[topology.edges]
     across = at_ends[..., 1] * tangent[..., 0] - at_ends[..., 0] * tangent[..., 1]
-    speed = jnp.linalg.norm(at_ends, axis=2)
+    speed = _norms(at_ends)
     across = jnp.where(jnp.abs(across) <= 1e3 * jnp.finfo(lengths.dtype).eps * speed, 0.0, across)
     total, speed = jnp.abs(across).sum(axis=1), speed.max(axis=1)
     along_boundary = jnp.abs(across.sum(axis=1)) <= BOUNDARY_TOLERANCE * jnp.maximum(total, 1e-5 * speed)
     return jnp.where((along_boundary & topology.is_boundary_edge)[:, None], 0.0, across)
+
+
+def _norms(vectors: Float[Array, "*n 2"]) -> Float[Array, "*n"]:
+    """Lengths of vectors, with the derivative 0 where they are 0."""
+    moves = (vectors != 0).any(axis=-1)
+    return jnp.where(moves, jnp.linalg.norm(jnp.where(moves[..., None], vectors, 1.0), axis=-1), 0.0)
 
 
 BOUNDARY_TOLERANCE = 0.1

@@ -1,22 +1,19 @@
 """The flow φᵗ of a tangent field: where points are after a time."""
 
 from enum import IntEnum
-from typing import NamedTuple
 
+import equinox as eqx
+import equinox.internal as eqxi
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
-from ..geometry import edge_lengths, project, vertex_frames
+from ..geometry import SurfacePoints, surface_positions, vertex_points
 from ..mesh import TriangleMesh
 from . import _trace
-from ._face_fields import FaceField, face_field
-from ._points import SurfacePoints, surface_positions, vertex_points
-
-_MOST_STEPS = 200_000
-_ON_THE_FACE = 1e-9
+from ._checked import checked_field, checked_points, checked_steps, checked_times
+from ._face_fields import FaceField, tracing_field
 
 
 class FlowStatus(IntEnum):
@@ -29,169 +26,99 @@ class FlowStatus(IntEnum):
     STATIONARY = _trace.STATIONARY
     """It stays in a singular point, where the field vanishes."""
     UNFINISHED = _trace.UNFINISHED
-    """It passed more faces than were allowed."""
+    """It took as many steps as were allowed: it is where it was then, and `Flow.time` is when."""
 
 
-class Flow(NamedTuple):
+class Flow(eqx.Module):
     """Where the tracers are at the end."""
 
-    faces: Int[Array, " N"]
-    barycentric: Float[Array, "N 3"]
+    points: SurfacePoints
+    """`[N]`. At the boundary for those that left."""
     status: Int[Array, " N"]
     """`FlowStatus` of each tracer."""
     time: Float[Array, " N"]
-    """How long each was under way: t itself for those that arrived or stay. Unit: time."""
-
-    @property
-    def points(self) -> SurfacePoints:
-        return SurfacePoints(self.faces, self.barycentric)
+    """How long each was under way: the time asked for if it arrived or stays. Unit: time."""
 
 
 def flow(
     mesh: TriangleMesh,
     vectors: ArrayLike,
-    t: ArrayLike,
-    faces: ArrayLike,
-    barycentric: ArrayLike,
+    time: ArrayLike,
+    points: SurfacePoints,
     *,
-    max_steps: int = _MOST_STEPS,
+    max_steps: int | None = None,
 ) -> Flow:
     """φᵗ of the tangent field `vectors` (eq. (1) of the paper) for all points at once.
 
     The field is linear in each flattened face and the motion in a face is integrated exactly, to rounding, up to the point
     where it leaves the face; so φˢ∘φᵗ = φˢ⁺ᵗ, φ⁻ᵗ undoes φᵗ, and isometric surfaces have the same flow. What is approximate
-    is the field between the vertices. Not differentiable: the path is a sequence of discrete choices.
+    is the field between the vertices.
+
+    Under `jit` and `vmap` values are not checked: what is not finite or off the mesh comes out as NaN. In forward mode
+    (`jax.jvp`, `jax.jacfwd`) the end points are differentiated along their paths, which cross the same edges; a derivative
+    is that of `Flow.points.barycentric`, or of `surface_positions` of the points, and holds as long as they do. There is
+    no reverse mode.
 
     Args:
         mesh: the surface.
         vectors: `[V, 3]`, tangent vectors at the vertices (of a normal part nothing is used), such as
             `killing_fields(mesh).vectors[0]`. Unit: length / time.
-        t: time to go, one for all or `[N]`, one a point; negative: backwards.
-        faces: `[N]`, face of each point; `vertex_points`, `closest_points` make points of vertices or positions.
-        barycentric: `[N, 3]`, its barycentric coordinates there, at least 0 and summing to 1.
-        max_steps: most faces that a tracer may pass.
+        time: how long to go, one for all or `[N]`, one a point; negative: backwards.
+        points: `[N]` points; `vertex_points`, `closest_points` make them of vertices or positions.
+        max_steps: most steps of a tracer, each within one face; `None`: four a face and 10,000, and on large meshes less,
+            enough for dozens of times around them.
 
     Returns:
-        End faces, end barycentric coordinates, status and time of each tracer.
+        End points, status and time of each tracer.
 
     Raises:
         ValueError: a field of another shape, not finite, or zero everywhere; a time that is not finite; a point that lies in
             no face.
     """
-    field = tracing_field(mesh, vectors)
-    points = checked_points(mesh, faces, barycentric)
-    return follow(field, points, checked_times(t, points), max_steps)
+    field = checked_field(mesh, vectors)
+    start = checked_points(mesh, points)
+    times = checked_times(time, start)
+    return _flow(mesh, field, times, start, checked_steps(max_steps, mesh.topology))
 
 
-def advect_vertices(mesh: TriangleMesh, vectors: ArrayLike, t: ArrayLike) -> Float[Array, "V 3"]:
+def advect_vertices(
+    mesh: TriangleMesh, vectors: ArrayLike, time: ArrayLike, *, max_steps: int | None = None
+) -> Float[Array, "V 3"]:
     """φᵗ of every vertex: the positions X_t = φᵗ(X₀) of §3.3. A vertex that meets the boundary stays there. Unit: length.
+
+    Under transformations as for `flow`.
 
     Raises:
         ValueError: as for `flow`.
     """
-    points = vertex_points(mesh.topology)
-    return surface_positions(mesh, flow(mesh, vectors, t, *points).points)
-
-
-class TracingField(NamedTuple):
-    """A field made ready for tracing, forwards and backwards."""
-
-    forward: FaceField
-    backward: FaceField
-
-
-def tracing_field(mesh: TriangleMesh, vectors: ArrayLike) -> TracingField:
-    """Raises `ValueError` for a field of another shape than the vertices, not finite, or zero everywhere."""
-    vectors = checked_field(mesh, vectors)
-    lengths = edge_lengths(mesh.vertices, mesh.topology)
-    intrinsic = project(vectors, vertex_frames(mesh.vertices, mesh.topology))
-    return TracingField(*(face_field(u, lengths, mesh.topology) for u in (intrinsic, -intrinsic)))
-
-
-def checked_field(mesh: TriangleMesh, vectors: ArrayLike) -> Float[Array, "V 3"]:
-    """The field in the dtype of the mesh.
-
-    Raises:
-        ValueError: another shape than the vertices, not finite, or zero everywhere.
-    """
-    vectors = jnp.asarray(vectors, mesh.vertices.dtype)
-    if vectors.shape != mesh.vertices.shape:
-        raise ValueError(
-            f"vectors must have shape {list(mesh.vertices.shape)}, one at each vertex, got {list(vectors.shape)}"
-        )
-    bad = np.flatnonzero(~np.isfinite(np.asarray(vectors)).all(axis=1))
-    if bad.size:
-        raise ValueError(
-            f"vectors must be finite; at vertex {bad[0]} they are not ({bad.size} such vertices)"
-        )
-    if not np.asarray(vectors).any():
-        raise ValueError("the field is zero everywhere: it generates no flow")
-    return vectors
-
-
-def checked_points(mesh: TriangleMesh, faces: object, barycentric: object) -> SurfacePoints:
-    """The points, clipped to their faces where rounding took them out.
-
-    Raises:
-        ValueError: wrong shapes or dtype, a face that does not exist, or coordinates that lie in no face.
-    """
-    face, b = np.asarray(faces), np.asarray(barycentric, np.float64)
-    if face.ndim != 1 or not np.issubdtype(face.dtype, np.integer) or b.shape != (len(face), 3):
-        raise ValueError(
-            f"points need integer faces [N] and barycentric [N, 3], got {face.dtype} {list(face.shape)} and {list(b.shape)}"
-        )
-    n = mesh.topology.n_faces
-    outside = np.flatnonzero((face < 0) | (face >= n))
-    if outside.size:
-        raise ValueError(f"point {outside[0]} is in face {face[outside[0]]}: the mesh has faces 0…{n - 1}")
-    off = np.flatnonzero(~((b >= -_ON_THE_FACE).all(axis=1) & (np.abs(b.sum(axis=1) - 1) <= _ON_THE_FACE)))
-    if off.size:
-        raise ValueError(
-            f"point {off[0]} is off the mesh: barycentric coordinates must be at least 0 and sum to 1, "
-            f"got {b[off[0]].tolist()} ({off.size} such points); closest_points puts positions on the mesh"
-        )
-    b = np.maximum(b, 0)
-    return SurfacePoints(
-        jnp.asarray(face.astype(np.int32)), jnp.asarray(b / b.sum(axis=1, keepdims=True), mesh.vertices.dtype)
-    )
-
-
-def checked_times(t: object, points: SurfacePoints) -> Float[Array, " N"]:
-    """One finite time for each point.
-
-    Raises:
-        ValueError: another shape, or a time that is not finite.
-    """
-    n, time = len(points.faces), np.asarray(t, np.float64)
-    if time.shape not in ((), (n,)):
-        raise ValueError(
-            f"t must be a number or have one for each of the {n} points, got shape {list(time.shape)}"
-        )
-    if not np.isfinite(time).all():
-        raise ValueError(f"t must be finite, got {time[~np.isfinite(time)][0]}")
-    return jnp.asarray(np.broadcast_to(time, (n,)), points.barycentric.dtype)
-
-
-def follow(
-    field: TracingField, points: SurfacePoints, time: Float[Array, " N"], max_steps: int = _MOST_STEPS
-) -> Flow:
-    """`flow` of arguments that have been checked."""
-    backwards = np.asarray(time) < 0
-    if backwards.all():
-        return _follow(field.backward, points, -time, time, max_steps)
-    ahead = _follow(field.forward, points, jnp.maximum(time, 0), time, max_steps)
-    if not backwards.any():
-        return ahead
-    back = _follow(field.backward, points, jnp.maximum(-time, 0), time, max_steps)
-    return jax.tree.map(
-        lambda a, b: jnp.where(backwards if a.ndim == 1 else backwards[:, None], b, a), ahead, back
-    )
+    end = flow(mesh, vectors, time, vertex_points(mesh), max_steps=max_steps)
+    return surface_positions(mesh, end.points)
 
 
 @jax.jit
-def _follow(
-    field: FaceField, points: SurfacePoints, duration: Array, time: Array, max_steps: int | Int[Array, ""]
+def _flow(
+    mesh: TriangleMesh,
+    vectors: Float[Array, "V 3"],
+    times: Float[Array, " N"],
+    start: SurfacePoints,
+    max_steps: int | Int[Array, ""],
 ) -> Flow:
-    end = _trace.trace(field, points.faces, points.barycentric, duration, max_steps)
-    gone = jnp.where(end.status == FlowStatus.STATIONARY, duration, duration - end.time_left)
-    return Flow(end.face, end.barycentric.T, end.status, jnp.sign(time) * gone)
+    end, _ = follow(tracing_field(mesh, vectors), start, times, max_steps)
+    return eqxi.nondifferentiable_backward(
+        end, msg="a flow has no reverse-mode derivative: take jax.jvp or jax.jacfwd"
+    )
+
+
+def follow(
+    field: FaceField, start: SurfacePoints, times: Float[Array, " N"], max_steps: int | Int[Array, ""]
+) -> tuple[Flow, Int[Array, ""]]:
+    """`flow` of arguments that have been checked, and how many steps it took."""
+    end, steps = _trace.trace(field, on_sheets(field, start, times), start.barycentric, abs(times), max_steps)
+    gone = abs(times) - jnp.where(end.status == FlowStatus.STATIONARY, 0.0, end.time_left)
+    points = SurfacePoints(end.face % (field.n_faces // 2), end.barycentric.T)
+    return Flow(points, end.status, jnp.sign(times) * gone), steps
+
+
+def on_sheets(field: FaceField, points: SurfacePoints, times: Float[Array, " N"]) -> Int[Array, " N"]:
+    """The faces of the points in the two sheets of a `tracing_field`: backwards in the second."""
+    return points.faces + jnp.where(times < 0, field.n_faces // 2, 0).astype(points.faces.dtype)

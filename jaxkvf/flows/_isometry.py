@@ -1,20 +1,20 @@
 """How nearly a flow is an isometry: §3.3 of the paper."""
 
 import math
-from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
 from ..extras import extra
-from ..geometry import edge_lengths
+from ..geometry import edge_lengths, surface_positions, vertex_points
 from ..mesh import TriangleMesh
+from ._checked import check_on_host
 from ._flow import FlowStatus, flow
-from ._points import surface_positions, vertex_points
 
 
-class Isometry(NamedTuple):
+class Isometry(eqx.Module):
     """What the flow did to the lengths of the edges, each taken as the segment between its ends in space."""
 
     relative_rms: float
@@ -29,13 +29,14 @@ class Isometry(NamedTuple):
     """Share of the vertices that the flow took the whole way; the others met a boundary or stay in a singular point."""
 
 
-def isometry_error(mesh: TriangleMesh, vectors: ArrayLike, t: float) -> Isometry:
-    """Edge lengths of the mesh advected by φᵗ against those of the mesh (§3.3): 0 for the flow of an exact Killing field.
+def isometry_error(mesh: TriangleMesh, vectors: ArrayLike, time: float) -> Isometry:
+    """Edge lengths of the mesh advected by φᵗ against those of the mesh (§3.3): 0 for a Killing field. On the host.
 
     Raises:
         ValueError: as for `flow`.
     """
-    end = flow(mesh, vectors, t, *vertex_points(mesh.topology))
+    check_on_host("isometry_error", mesh, vectors, time)
+    end = flow(mesh, vectors, time, vertex_points(mesh))
     moved = surface_positions(mesh, end.points)
     before, after = (np.asarray(edge_lengths(x, mesh.topology)) for x in (mesh.vertices, moved))
     change = after - before
@@ -46,7 +47,7 @@ def isometry_error(mesh: TriangleMesh, vectors: ArrayLike, t: float) -> Isometry
     )
 
 
-class DistanceDistortion(NamedTuple):
+class DistanceDistortion(eqx.Module):
     """Exact geodesic distances of pairs of points before and after a flow.
 
     Pairs closer than a quarter of the largest distance are left out: there the interpolation between vertices shows.
@@ -62,17 +63,17 @@ class DistanceDistortion(NamedTuple):
 
 
 def distance_distortion(
-    mesh: TriangleMesh, vectors: ArrayLike, t: float, *, sources: int = 4, seed: int = 0
+    mesh: TriangleMesh, vectors: ArrayLike, time: float, *, sources: int = 4, seed: int = 0
 ) -> DistanceDistortion:
     """Geodesic distances between φᵗ(p) and φᵗ(q) against those between p and q, for some vertices p and all vertices q.
 
     Distances on the polyhedron are exact (Mitchell, Mount and Papadimitriou, through libigl); φᵗ(p) is made a vertex by
-    splitting its face, and at φᵗ(q) distances are interpolated linearly.
+    splitting its face, and at φᵗ(q) distances are interpolated linearly. On the host.
 
     Args:
         mesh: the surface.
         vectors: `[V, 3]`, tangent vectors at the vertices. Unit: length / time.
-        t: time.
+        time: how long to go.
         sources: number of vertices p, drawn with `seed`; each costs two exact solves.
         seed: of `numpy.random.default_rng`.
 
@@ -80,8 +81,9 @@ def distance_distortion(
         ValueError: as for `flow`.
         ImportError: libigl is not installed.
     """
+    check_on_host("distance_distortion", mesh, vectors, time)
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64)
-    end = flow(mesh, vectors, t, *vertex_points(mesh.topology)).points
+    end = flow(mesh, vectors, time, vertex_points(mesh)).points
     corners, b = faces[np.asarray(end.faces)], np.asarray(end.barycentric)
     befores, afters = [], []
     for p in np.random.default_rng(seed).choice(len(x), min(sources, len(x)), replace=False):

@@ -1,34 +1,60 @@
 """The period of a flow whose integral curves close, and the discrete groups in it: §4 of the paper."""
 
-import operator
-from typing import NamedTuple
+import warnings
+from functools import partial
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..geometry import edge_lengths, mean_edge_length, surface_area
+from ..geometry import SurfacePoints, barycentric_vertex_areas, edge_lengths, surface_positions, vertex_points
 from ..mesh import TriangleMesh
-from ._flow import TracingField, checked_field, checked_points, follow, tracing_field
-from ._points import SurfacePoints, surface_positions, vertex_points
+from ._checked import (
+    check_at_least_one,
+    check_on_host,
+    checked_field,
+    checked_points,
+    checked_steps,
+    checked_times,
+)
+from ._face_fields import tracing_field
+from ._flow import follow
+from ._returns import first_returns
 
 _SLOW = 0.3
 """Share of the largest speed below which curves are too close to a singular point to tell the period well."""
-_HORIZON = 8.0
-"""How long curves are followed before giving up, in times that the mean speed needs for 2 √(π area), a sphere's equator."""
-_NEAR = 0.25
+_HORIZON = 4.0
+"""How far curves are followed before giving up: times the equator of the sphere of the component's area, or π times its
+extent, whichever is longer."""
 _CLOSED = 0.05
 
 
-class Period(NamedTuple):
+class NoPeriodError(ValueError):
+    """No integral curve closes."""
+
+    def __init__(self, curves: int, time: float, component: int, components: int) -> None:
+        self.component = component
+        where = f" on component {component}" if components > 1 else ""
+        self.what = f"the field has no period: none of {curves} integral curves{where} closes within a time of {time:.4g}"
+        super().__init__(
+            f"{self.what}; take the field of a smaller λ, or, of fields of equal λ, the combination that "
+            "jaxkvf.flows.closed_field finds"
+        )
+
+
+class Period(eqx.Module):
     """The time after which integral curves come back to where they started."""
 
-    time: float
+    period: float
     """T, the median over the curves that closed. Unit: time."""
     spread: float
     """Half the distance between the quartiles of the curves' own periods, relative to T; 0 for an exact Killing field."""
-    times: Float[np.ndarray, " c"]
+    component: int
+    """The connected component that T is of (`Topology.components`): that with the largest ∫|U|."""
+    periods: Float[np.ndarray, " c"]
     """When each curve comes back across the plane normal to it through its start; NaN if it does not. Unit: time."""
     lengths: Float[np.ndarray, " c"]
     """Length of each curve until then: the T of a Killing field is length / speed. Unit: length."""
@@ -38,123 +64,114 @@ class Period(NamedTuple):
     """Which curves come back within 5 % of their length."""
     vertices: Int[np.ndarray, " c"]
     """Where the curves start."""
+    components: Int[np.ndarray, " c"]
+    """The component that each is on."""
 
 
-def period(mesh: TriangleMesh, vectors: ArrayLike, *, curves: int = 64, seed: int = 0) -> Period:
+def period(
+    mesh: TriangleMesh, vectors: ArrayLike, *, curves: int = 64, seed: int = 0, max_steps: int | None = None
+) -> Period:
     """T with φᵀ = id (§4: L(γ)/‖U‖ is the same for all integral curves γ of a Killing field), from many curves.
+
+    Curves are followed from face to face, and on each connected component for itself. On the host.
 
     Args:
         mesh: the surface.
         vectors: `[V, 3]`, tangent vectors at the vertices. Unit: length / time.
-        curves: how many, from vertices drawn with `seed` where the field is not slow.
+        curves: how many, from vertices drawn with `seed` where the field is not slow; shared out among the components by
+            ∫|U| on each.
         seed: of `numpy.random.default_rng`.
+        max_steps: most steps from face to face on each curve; default as in `flow`.
 
     Raises:
-        ValueError: `curves` < 1; no curve closes; a field as in `flow`.
+        NoPeriodError: no curve closes; a `ValueError`.
+        ValueError: `curves` < 1; a field as in `flow`.
+
+    Warns:
+        UserWarning: curves that count as closed come back more than a mean edge from where they started.
     """
+    check_on_host("period", mesh, vectors)
     check_at_least_one("curves", curves)
-    field = tracing_field(mesh, vectors)
-    u = np.asarray(checked_field(mesh, vectors))
-    speed = np.linalg.norm(u, axis=1)
-    fast = np.flatnonzero(speed > _SLOW * speed.max())
-    chosen = np.random.default_rng(seed).choice(fast, curves, replace=len(fast) < curves)
-    start = vertex_points(mesh.topology, chosen)
+    field = checked_field(mesh, vectors)
+    limit = checked_steps(max_steps, mesh.topology)
+    components = _Components(mesh, np.asarray(field, np.float64))
+    chosen, owner = components.starts(curves, np.random.default_rng(seed))
+    horizon = components.horizons[owner]
+    found = first_returns(mesh, field, vertex_points(mesh, chosen), jnp.asarray(horizon, field.dtype), limit)
+    periods, lengths, misses = (np.asarray(part, np.float64) for part in found)
+    gaps = misses / lengths
+    closed = np.nan_to_num(gaps, nan=np.inf) <= _CLOSED
+    here = closed & (owner == owner[0])
+    if not here.any():
+        followed = int((owner == owner[0]).sum())
+        raise NoPeriodError(followed, float(horizon[0]), int(owner[0]), components.count)
+    _warn_of_misses(misses[here], components.mean_edge(int(owner[0])))
+    low, middle, high = np.quantile(periods[here], (0.25, 0.5, 0.75))
+    spread = float((high - low) / 2 / middle)
+    return Period(float(middle), spread, int(owner[0]), periods, lengths, gaps, closed, chosen, owner)
 
-    lengths = edge_lengths(mesh.vertices, mesh.topology)
-    step = 2 * float(mean_edge_length(lengths)) / speed.max()
-    equator = 2 * np.sqrt(np.pi * float(surface_area(lengths, mesh.topology)))
-    horizon = _HORIZON * equator / speed[chosen].mean()
-    times, travelled = _first_returns(mesh, u, field, start, step=step, horizon=horizon)
-    gaps = np.full(curves, np.nan)
-    back = np.isfinite(times)
-    if back.any():
-        times = _refined(mesh, u, field, start, times)
-        origin, there = (np.asarray(surface_positions(mesh, p)) for p in (start, _after(field, start, times)))
-        gaps[back] = np.linalg.norm((there - origin)[back], axis=1) / travelled[back]
-    closed = back & (gaps <= _CLOSED)
-    if not closed.any():
-        raise ValueError(
-            f"the field has no period: none of {curves} integral curves closes within a time of {horizon:.4g}; "
-            "take the field of a smaller λ, or a linear combination of fields of equal λ"
+
+def _warn_of_misses(misses: Float[np.ndarray, " c"], edge: float) -> None:
+    if misses.max() > edge:
+        warnings.warn(
+            f"{int((misses > edge).sum())} of {len(misses)} integral curves that count as closed miss their start by more "
+            f"than a mean edge, up to {misses.max() / edge:.3g}: the flow after a period is not the identity",
+            stacklevel=3,
         )
-    low, middle, high = np.quantile(times[closed], (0.25, 0.5, 0.75))
-    return Period(
-        float(middle), float((high - low) / 2 / middle), times, travelled, gaps, closed, np.asarray(chosen)
-    )
 
 
-def _after(field: TracingField, start: SurfacePoints, times: Float[np.ndarray, " c"]) -> SurfacePoints:
-    return follow(field, start, jnp.asarray(np.nan_to_num(times), start.barycentric.dtype)).points
+class _Components:
+    """A field on each connected component of a surface."""
+
+    def __init__(self, mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> None:
+        topology = mesh.topology
+        self.mesh = mesh
+        self.count, self.label = topology.components()
+        x = np.asarray(mesh.vertices, np.float64)
+        lengths = edge_lengths(mesh.vertices, topology)
+        share = np.asarray(barycentric_vertex_areas(lengths, topology), np.float64)
+        self._lengths = np.asarray(lengths, np.float64)
+        self._speed = np.linalg.norm(field, axis=1)
+        most, self._total = np.zeros(self.count), np.zeros(self.count)
+        np.maximum.at(most, self.label, self._speed)
+        np.add.at(self._total, self.label, share * self._speed)
+        self._fast = self._speed > _SLOW * most[self.label]
+        low, high = np.full((self.count, 3), np.inf), np.full((self.count, 3), -np.inf)
+        np.minimum.at(low, self.label, x)
+        np.maximum.at(high, self.label, x)
+        area = np.bincount(self.label, share, self.count)
+        around = np.maximum(2 * np.sqrt(np.pi * area), np.pi * np.linalg.norm(high - low, axis=1))
+        mean_speed = np.bincount(self.label, self._fast * self._speed, self.count) / np.maximum(
+            np.bincount(self.label, self._fast, self.count), 1
+        )
+        self.horizons = _HORIZON * around / np.where(mean_speed > 0, mean_speed, np.inf)
+
+    def starts(
+        self, curves: int, rng: np.random.Generator
+    ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+        """Vertices where the field is not slow, and their components, that with the largest ∫|U| first."""
+        order = np.argsort(-self._total, kind="stable")
+        wanted = curves * self._total[order] / self._total.sum()
+        each = np.floor(wanted).astype(int)
+        each[0] += curves - each.sum()  # what is left over by rounding belongs to the first
+        chosen = []
+        for component, count in zip(order[each > 0], each[each > 0], strict=True):
+            fast = np.flatnonzero(self._fast & (self.label == component))
+            chosen.append(rng.choice(fast, count, replace=len(fast) < count))
+        vertices = np.concatenate(chosen)
+        return vertices, self.label[vertices].astype(np.int64)
+
+    def mean_edge(self, component: int) -> float:
+        """Mean edge length of a component."""
+        here = self.label[np.asarray(self.mesh.topology.edges)[:, 0]] == component
+        return float(self._lengths[here].mean())
 
 
-def _across_start(
-    mesh: TriangleMesh, u: Float[np.ndarray, "V 3"], start: SurfacePoints, now: SurfacePoints
-) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """How far each point is beyond the plane through its start normal to the field there, how fast it goes on from it, and
-    how far it is from the start."""
-    faces = np.asarray(mesh.faces)
-
-    def field_at(points: SurfacePoints) -> Float[np.ndarray, "c 3"]:
-        return np.einsum("nc,ncx->nx", np.asarray(points.barycentric), u[faces[np.asarray(points.faces)]])
-
-    normal = field_at(start)
-    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    offset = np.asarray(surface_positions(mesh, now)) - np.asarray(surface_positions(mesh, start))
-    beyond, rate = (offset * normal).sum(axis=1), (field_at(now) * normal).sum(axis=1)
-    return beyond, rate, np.linalg.norm(offset, axis=1)
-
-
-def _first_returns(
-    mesh: TriangleMesh,
-    u: Float[np.ndarray, "V 3"],
-    field: TracingField,
-    start: SurfacePoints,
-    *,
-    step: float,
-    horizon: float,
-) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """When each curve first comes back across the plane at its start and close to it, to first order, and its length."""
-    n = len(start.faces)
-    returned, length, furthest, before = np.full(n, np.nan), np.zeros(n), np.zeros(n), np.zeros(n)
-    now, where = start, np.asarray(surface_positions(mesh, start))
-    ahead = jnp.full(n, step, start.barycentric.dtype)
-    for i in range(1, int(np.ceil(horizon / step)) + 1):
-        now = follow(field, now, ahead).points
-        here = np.asarray(surface_positions(mesh, now))
-        going = np.isnan(returned)
-        length = length + np.where(going, np.linalg.norm(here - where, axis=1), 0)
-        beyond, rate, distance = _across_start(mesh, u, start, now)
-        furthest = np.maximum(furthest, distance)
-        back = going & (before < 0) & (beyond >= 0) & (rate > 0) & (distance < _NEAR * furthest)
-        overshoot = np.where(back, beyond / np.where(rate > 0, rate, 1.0), 0)
-        returned = np.where(back, i * step - overshoot, returned)
-        length = length - np.where(back, overshoot * np.linalg.norm(here - where, axis=1) / step, 0)
-        if not np.isnan(returned).any():
-            break
-        before, where = beyond, here
-    return returned, length
-
-
-def _refined(
-    mesh: TriangleMesh,
-    u: Float[np.ndarray, "V 3"],
-    field: TracingField,
-    start: SurfacePoints,
-    times: Float[np.ndarray, " c"],
-) -> Float[np.ndarray, " c"]:
-    """The times at which the plane is crossed exactly, by Newton."""
-    for _ in range(3):
-        beyond, rate, _ = _across_start(mesh, u, start, _after(field, start, times))
-        times = times - beyond / np.where(np.isnan(times), 1.0, rate)
-    return times
-
-
-class Orbit(NamedTuple):
+class Orbit(eqx.Module):
     """Images of points under the discrete group {φ^q, φ^2q, …, φ^mq = id}, q = T/m."""
 
-    faces: Int[Array, "m N"]
-    """Row j: φ^jq, j = 0…m−1."""
-    barycentric: Float[Array, "m N 3"]
+    points: SurfacePoints
+    """`[m, N]`. Row j: φ^jq, j = 0…m−1."""
     closure: Float[Array, " N"]
     """Distance in space between each point and its φ^mq. Unit: length."""
 
@@ -163,10 +180,10 @@ def orbit(
     mesh: TriangleMesh,
     vectors: ArrayLike,
     m: int,
-    faces: ArrayLike,
-    barycentric: ArrayLike,
+    points: SurfacePoints,
     *,
-    time: float | None = None,
+    period: ArrayLike | None = None,
+    max_steps: int | None = None,
 ) -> Orbit:
     """The images of points under the cyclic group of order m that the flow over T/m generates (§4).
 
@@ -174,35 +191,40 @@ def orbit(
         mesh: the surface.
         vectors: `[V, 3]`, tangent vectors at the vertices. Unit: length / time.
         m: order of the group, ≥ 1.
-        faces: `[N]`, face of each point.
-        barycentric: `[N, 3]`, its barycentric coordinates there.
-        time: the period T; by default `period(mesh, vectors).time`.
+        points: `[N]` points.
+        period: T; by default `period(mesh, vectors).period`, on the host.
+        max_steps: most steps from face to face from each image to the next; default as in `flow`.
 
     Raises:
         ValueError: m < 1; arguments as in `flow` and `period`.
     """
     check_at_least_one("m", m)
+    field = checked_field(mesh, vectors)
+    start = checked_points(mesh, points)
+    whole = _period_of(mesh, vectors) if period is None else period
+    times = checked_times(whole, start) / m
+    return _orbit(mesh, field, times, start, max_steps=checked_steps(max_steps, mesh.topology), m=m)
+
+
+def _period_of(mesh: TriangleMesh, vectors: ArrayLike) -> float:
+    return period(mesh, vectors).period
+
+
+@partial(jax.jit, static_argnames="m")
+def _orbit(
+    mesh: TriangleMesh,
+    vectors: Float[Array, "V 3"],
+    times: Float[Array, " N"],
+    start: SurfacePoints,
+    *,
+    max_steps: int | Int[Array, ""],
+    m: int,
+) -> Orbit:
     field = tracing_field(mesh, vectors)
-    start = checked_points(mesh, faces, barycentric)
-    whole = period(mesh, vectors).time if time is None else time
-    step = jnp.full(len(start.faces), whole / m, start.barycentric.dtype)
-    images = [start]
-    for _ in range(m):
-        images.append(follow(field, images[-1], step).points)
-    *images, last = images
+
+    def turned(points: SurfacePoints, _: None) -> tuple[SurfacePoints, SurfacePoints]:
+        return follow(field, points, times, max_steps)[0].points, points
+
+    last, images = jax.lax.scan(turned, start, None, length=m)
     gap = surface_positions(mesh, last) - surface_positions(mesh, start)
-    return Orbit(
-        jnp.stack([p.faces for p in images]),
-        jnp.stack([p.barycentric for p in images]),
-        jnp.linalg.norm(gap, axis=1),
-    )
-
-
-def check_at_least_one(name: str, value: int) -> None:
-    """Raises `ValueError` unless `value` is an integer of at least 1."""
-    try:
-        fits = operator.index(value) >= 1
-    except TypeError:
-        fits = False
-    if not fits:
-        raise ValueError(f"{name} must be an integer of at least 1, got {value!r}")
+    return Orbit(images, jnp.linalg.norm(gap, axis=1))

@@ -38,17 +38,9 @@ def trace(
     barycentric: Float[Array, "N 3"],
     time: Float[Array, " N"],
     max_steps: int | Int[Array, ""],
-) -> Tracers:
-    """Tracers after `time` ≥ 0 along the field."""
-    n_faces = field.velocities.shape[0]
-    b = barycentric.T
-    none = jnp.full_like(face, _NOWHERE)
-    start = Tracers(face, b, time, jnp.full_like(face, UNFINISHED), none, jnp.zeros_like(face))
-    corner = jnp.argmax(b, axis=0).astype(face.dtype)
-    at_vertex = b.max(axis=0) >= 1 - _tolerance(b)
-    code = field.exits[3 * n_faces + 3 * face + corner]
-    start = _depart(start, at_vertex, code)
-    start = start._replace(status=jnp.where(time > 0, start.status, ARRIVED))
+) -> tuple[Tracers, Int[Array, ""]]:
+    """Tracers after `time` ≥ 0 along the field, and the steps that took."""
+    start = departed(field, face, barycentric, time)
 
     def goes_on(carry: tuple[Tracers, Int[Array, ""]]) -> Bool[Array, ""]:
         tracers, steps = carry
@@ -56,18 +48,44 @@ def trace(
 
     def body(carry: tuple[Tracers, Int[Array, ""]]) -> tuple[Tracers, Int[Array, ""]]:
         tracers, steps = carry
-        return _step(field, tracers), steps + 1
+        return advanced(field, tracers, motion(field, tracers)), steps + 1
 
-    end, _ = jax.lax.while_loop(goes_on, body, (start, jnp.zeros((), jnp.int32)))
-    return end
+    return jax.lax.while_loop(goes_on, body, (start, jnp.zeros((), jnp.int32)))
+
+
+def departed(
+    field: FaceField, face: Int[Array, " N"], barycentric: Float[Array, "N 3"], time: Float[Array, " N"]
+) -> Tracers:
+    """Tracers about to go for `time`, those at vertices in the face into which the field points."""
+    b = barycentric.T
+    none = jnp.full_like(face, _NOWHERE)
+    start = Tracers(face, b, time, jnp.full_like(face, UNFINISHED), none, jnp.zeros_like(face))
+    corner = jnp.argmax(b, axis=0).astype(face.dtype)
+    at_vertex = b.max(axis=0) >= 1 - _tolerance(b)
+    code = field.exits[3 * field.n_faces + 3 * face + corner]
+    start = _depart(start, at_vertex, code)
+    return start._replace(status=jnp.where(time > 0, start.status, ARRIVED))
 
 
 def _tolerance(b: Array) -> float:
     return 1e4 * float(jnp.finfo(b.dtype).eps)
 
 
-def _step(field: FaceField, old: Tracers) -> Tracers:
-    n_faces = field.velocities.shape[0]
+class Motion(NamedTuple):
+    """The next step of each tracer, within its face."""
+
+    terms: list[Float[Array, "3 N"]]
+    """Taylor terms of the barycentric coordinates in time."""
+    step: Float[Array, " N"]
+    """Up to the side that it meets, or as far as the series reaches. Unit: time."""
+    crosses: Bool[Array, " N"]
+    corner: Int[Array, " N"]
+    """Opposite the side that it crosses."""
+    end: Float[Array, "3 N"]
+
+
+def motion(field: FaceField, old: Tracers) -> Motion:
+    """How tracers go on in their faces, exactly."""
     J01, J02, J10, J12, J20, J21, rate, _ = field.velocities[old.face].T
     J00, J11, J22 = -(J10 + J20), -(J01 + J21), -(J02 + J12)
     b = old.barycentric
@@ -87,23 +105,27 @@ def _step(field: FaceField, old: Tracers) -> Tracers:
     soonest = crossing.min(axis=0)
     crosses = soonest <= longest
     step = jnp.where(crosses, soonest, longest)
-    b = jnp.maximum(_horner(terms, step[None]), 0.0)
+    b = jnp.maximum(horner(terms, step[None]), 0.0)
     opposite = jnp.arange(3, dtype=corner.dtype)[:, None] == corner[None]
     b = jnp.where(opposite & crosses[None], 0.0, b)
-    b = b / b.sum(axis=0, keepdims=True)
+    return Motion(terms, step, crosses, corner, b / b.sum(axis=0, keepdims=True))
 
+
+def advanced(field: FaceField, old: Tracers, moved: Motion) -> Tracers:
+    """Tracers after a step: in the next face, where it met a side."""
+    b, corner, step, crosses = moved.end, moved.corner, moved.step, moved.crosses
     # Across the side, or around the vertex if the tracer ran into one.
     at_vertex = crosses & (b.max(axis=0) >= 1 - _tolerance(b))
     vertex_corner = jnp.argmax(b, axis=0).astype(corner.dtype)
     side = (corner + 1) % 3
-    code = field.exits[3 * old.face + jnp.where(at_vertex, 3 * n_faces + vertex_corner, side)]
+    code = field.exits[3 * old.face + jnp.where(at_vertex, 3 * field.n_faces + vertex_corner, side)]
     time_left = old.time_left - step
     stands = jnp.abs(b - old.barycentric).max(axis=0) <= _tolerance(b)
     waits = jnp.where(stands & crosses, old.waits + 1, 0)
-    moved = old._replace(
+    there = old._replace(
         barycentric=b, time_left=time_left, waits=waits, entered=jnp.full_like(corner, _NOWHERE)
     )
-    new = _cross(moved, crosses & ~at_vertex, code, side)
+    new = _cross(there, crosses & ~at_vertex, code, side)
     new = _depart(new, at_vertex, code)
     status = jnp.where(new.status == UNFINISHED, jnp.where(time_left <= 0, ARRIVED, new.status), new.status)
     status = jnp.where((status == UNFINISHED) & (waits > _MOST_AT_ONE_POINT), STATIONARY, status)
@@ -129,15 +151,15 @@ def _first_zero(
     slope = [n * c for n, c in enumerate(g)][1:]
     curvature = [n * c for n, c in enumerate(slope)][1:]
     end = jnp.broadcast_to(longest[None], zero.shape)
-    g_end, slope_end = _horner(g, end), _horner(slope, end)
+    g_end, slope_end = horner(g, end), horner(slope, end)
 
     dips = (g[0] > 0) & (slope[0] < 0) & (slope_end > 0)
     lowest = end * slope[0] / jnp.where(dips, slope[0] - slope_end, 1.0)
     for _ in range(2):
-        bend = _horner(curvature, lowest)
-        lowest = jnp.clip(lowest - _horner(slope, lowest) / jnp.where(bend > 0, bend, jnp.inf), 0.0, end)
+        bend = horner(curvature, lowest)
+        lowest = jnp.clip(lowest - horner(slope, lowest) / jnp.where(bend > 0, bend, jnp.inf), 0.0, end)
     upper = jnp.where(dips, lowest, end)
-    g_upper = jnp.where(dips, _horner(g, lowest), g_end)
+    g_upper = jnp.where(dips, horner(g, lowest), g_end)
     falls = (g_upper < 0) | ((g[0] < 0) & ~entered)
 
     secant = upper * g[0] / jnp.where(g_upper < 0, g[0] - g_upper, 1.0)
@@ -147,12 +169,12 @@ def _first_zero(
     beyond = (g[1] + discriminant) / jnp.where(concave, -2 * g[2], 1.0)
     tau = jnp.where(slope[0] < 0, secant, jnp.where(concave, jnp.minimum(beyond, upper), upper))
     for _ in range(_NEWTON_STEPS):
-        descent = _horner(slope, tau)
-        tau = jnp.clip(tau - _horner(g, tau) / jnp.where(descent < 0, descent, -jnp.inf), 0.0, upper)
+        descent = horner(slope, tau)
+        tau = jnp.clip(tau - horner(g, tau) / jnp.where(descent < 0, descent, -jnp.inf), 0.0, upper)
     return jnp.where(falls, jnp.where(g[0] > 0, tau, 0.0), jnp.inf)
 
 
-def _horner(terms: list[Float[Array, "..."]], tau: Float[Array, "..."]) -> Float[Array, "..."]:
+def horner(terms: list[Float[Array, "..."]], tau: Float[Array, "..."]) -> Float[Array, "..."]:
     value = terms[-1]
     for term in terms[-2::-1]:
         value = value * tau + term

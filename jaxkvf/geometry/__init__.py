@@ -1,4 +1,4 @@
-"""From edge lengths to areas, angles and curvatures; tangent frames and transport."""
+"""From edge lengths to areas, angles and curvatures; tangent frames and transport; points of a surface."""
 
 from ._ambient import embed as embed
 from ._ambient import face_frames as face_frames
@@ -28,6 +28,10 @@ from ._rigid_motion import RigidMotion as RigidMotion
 from ._rigid_motion import closest_rigid_motion as closest_rigid_motion
 from ._sampling import Samples as Samples
 from ._sampling import spread_evenly as spread_evenly
+from ._surface_points import SurfacePoints as SurfacePoints
+from ._surface_points import closest_points as closest_points
+from ._surface_points import surface_positions as surface_positions
+from ._surface_points import vertex_points as vertex_points
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations

@@ -5,6 +5,8 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Int, Integer
 
+from ._surface_points import SurfacePoints
+
 _CANDIDATES_PER_POINT = 16
 _SIDE_DISTANCE = 1.5
 """How far apart, in mean distances between points, two points count whose normals are opposite."""
@@ -20,11 +22,16 @@ class Samples(eqx.Module):
     spacing: float
     """√(area / N), about the distance between neighbours. Unit: length."""
 
+    @property
+    def points(self) -> SurfacePoints:
+        """Where they are, as `flow` and `integral_curves` take it."""
+        return SurfacePoints(self.faces, self.barycentric)
+
 
 def spread_evenly(vertices: Float[ArrayLike, "V 3"], faces: Integer[ArrayLike, "F 3"], count: int) -> Samples:
     """`count` points spread evenly over a surface, however uneven its triangles; the same ones every time. On the host.
 
-    Where flow lines may start, or arrows stand. Farthest-point sampling among random points of uniform density (fixed
+    Where flow lines may start (`integral_curves(mesh, field, time, at.points)`), or arrows stand. Farthest-point sampling among random points of uniform density (fixed
     seed). Opposite normals count as distance, so that the two sides of a thin wing each get their points.
 
     Args:

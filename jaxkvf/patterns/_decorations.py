@@ -10,7 +10,8 @@ from jaxtyping import Float
 from scipy.sparse.linalg import eigsh, splu
 
 from ..exterior import d0, flat
-from ..flows import check_at_least_one, period
+from ..flows import check_at_least_one, check_on_host
+from ..flows import period as period_of
 from ..geometry import (
     barycentric_vertex_areas,
     cotan_weights,
@@ -85,25 +86,26 @@ def stripes(
     count: int,
     *,
     direction: str = "across",
-    time: float | None = None,
+    period: float | None = None,
 ) -> Float[np.ndarray, " V"]:
     """Stripes that the flow maps to themselves: the cosine, −1…1, of a phase at each vertex.
 
     `"across"`: `count` stripes that stand across the field around each integral curve, of equal flow time; the phase is that
     of the complex function whose gradient fits (count 2π/T) U/|U|² best (Knöppel et al., Stripe patterns on surfaces, 2015).
     `"along"`: stripes along integral curves, of equal flux between them: the phase is count 2π times a stream function from
-    0 to 1.
+    0 to 1. On the host.
 
     Args:
         mesh: the surface.
         vectors: `[V, 3]`, a nearly Killing field. Unit: length / time.
         count: number of stripes, ≥ 1.
         direction: `"across"` or `"along"` the field.
-        time: the period, for stripes across; by default `period(mesh, vectors).time`.
+        period: T, for stripes across; by default `period(mesh, vectors).period`.
 
     Raises:
         ValueError: count < 1; unknown direction; the field has no single-valued stream function (such as a turning torus).
     """
+    check_on_host("stripes", mesh, vectors, period)
     check_at_least_one("count", count)
     if direction not in {"across", "along"}:
         raise ValueError(f"direction must be 'across' or 'along', got {direction!r}")
@@ -116,7 +118,7 @@ def stripes(
         turned = jnp.stack([-u[:, 1], u[:, 0]], axis=1)
         form = np.asarray(flat(turned, lengths, topology), float)
         return np.cos(2 * np.pi * count * _stream_function(gradient, weights, form))
-    whole = period(mesh, vectors).time if time is None else time
+    whole = period_of(mesh, vectors).period if period is None else period
     square = np.asarray((u * u).sum(axis=1), float)
     slow = square < 1e-4 * square.max()
     unit = u / jnp.asarray(np.where(slow, np.inf, square))[:, None]

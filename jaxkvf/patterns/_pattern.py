@@ -8,7 +8,9 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Int
 
-from ..flows import check_at_least_one, flow, period, vertex_points
+from ..flows import check_at_least_one, check_on_host, flow
+from ..flows import period as period_of
+from ..geometry import vertex_points
 from ..mesh import TriangleMesh
 from ._log_map import log_map
 from ._subdivision import subdivided
@@ -29,8 +31,8 @@ class Pattern(eqx.Module):
     field, over the radius; NaN far from it. |(u, v)| ≤ 1 is the disk."""
     order: int
     """m."""
-    time: float
-    """The period T. Unit: time."""
+    period: float
+    """T. Unit: time."""
     radius: float
     """r: the disk at p has the radius r‖U(p)‖. Unit: time."""
 
@@ -66,13 +68,14 @@ def pattern(
     m: int,
     *,
     radius: float | None = None,
-    time: float | None = None,
+    period: float | None = None,
     subdivide: int = 1,
 ) -> Pattern:
     """A neighbourhood of each of some points, repeated m times along the field: coordinates for what is to decorate them.
 
     The disk around p is mapped to the unit disk by the log map (vector heat method); the coordinates of all other copies
-    are those of the vertices' pre-images φ^−jq under the flow, q = T/m. What is painted by them is invariant under φ^q.
+    are those of the vertices' pre-images φ^−jq under the flow, q = T/m. What is painted by them is invariant under φ^q. On
+    the host.
 
     Args:
         mesh: the surface.
@@ -80,7 +83,7 @@ def pattern(
         vertices: `[n]`, the centres p.
         m: number of copies of each, the order of the group.
         radius: r, the disk around p has the radius r‖U(p)‖; by default 0.4 T/m, 0.8 of what leaves copies apart. Unit: time.
-        time: T; by default `period(mesh, vectors).time`.
+        period: T; by default `period(mesh, vectors).period`.
         subdivide: in how many parts each edge is cut, so that reliefs have vertices to live on.
 
     Raises:
@@ -91,12 +94,13 @@ def pattern(
     Warns:
         UserWarning: disks overlap; the message says which m would fit.
     """
+    check_on_host("pattern", mesh, vectors, vertices, radius, period)
     check_at_least_one("m", m)
     check_at_least_one("subdivide", subdivide)
     centers = np.atleast_1d(np.asarray(vertices))
-    vertex_points(mesh.topology, centers)
+    vertex_points(mesh, centers)
     u = np.asarray(vectors, np.float64)
-    whole = period(mesh, vectors).time if time is None else float(time)
+    whole = period_of(mesh, vectors).period if period is None else float(period)
     reach = _SHARE * whole / m if radius is None else float(radius)
     if not (math.isfinite(reach) and reach > 0):
         raise ValueError(f"radius must be positive and finite, got {radius!r}")
@@ -113,7 +117,7 @@ def pattern(
     coordinates = np.full((len(centers), m, len(points.faces), 2), np.nan)
     for j in range(m):
         if j:
-            points = flow(mesh, vectors, -whole / m, *points).points
+            points = flow(mesh, vectors, -whole / m, points).points
         corners, b = faces[np.asarray(points.faces)], np.asarray(points.barycentric)
         for i, chart in enumerate(charts):
             at = np.einsum("wc,wcx->wx", b, chart[corners])
@@ -128,11 +132,11 @@ def pattern(
 
 
 def _warn_if_overlapping(made: Pattern, centers: int) -> None:
-    fits = math.floor(made.time / (2 * made.radius) * (1 + 1e-9))
+    fits = math.floor(made.period / (2 * made.radius) * (1 + 1e-9))
     if made.order > max(fits, 1):
         warnings.warn(
             f"the {made.order} disks along an orbit overlap; m ≤ {fits} of this radius would fit, "
-            f"or a radius of at most {made.time / 2 / made.order:.4g}",
+            f"or a radius of at most {made.period / 2 / made.order:.4g}",
             stacklevel=3,
         )
         return

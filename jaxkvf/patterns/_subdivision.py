@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from ..flows import SurfacePoints, surface_positions
+from ..geometry import SurfacePoints, surface_positions
 from ..mesh import TriangleMesh
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from ..arguments import Integer
 from ..fields import KillingFields, killing_fields
 from ..flows import Period, integral_curves, period
-from ..geometry import spread_evenly
+from ..geometry import SurfacePoints, spread_evenly
 from ..killing import AbstractDiscretization, killing_energy_density
 from ..mesh import TriangleMesh
 
@@ -108,12 +108,16 @@ def _lines(
     moving = np.flatnonzero(speed[faces].mean(axis=1) > _MOVING * speed.max())
     starts = spread_evenly(x, faces[moving], LINES)
     # A unit-norm field has the root mean square speed 1/√area: in this time it goes half around a sphere of this area.
-    duration = np.sqrt(np.pi) * area if found is None else found.time
-    curves = integral_curves(mesh, field, duration, moving[starts.faces], starts.barycentric, samples=_STEPS)
+    duration = np.sqrt(np.pi) * area if found is None else found.period
+    curves = integral_curves(
+        mesh, field, duration, SurfacePoints(moving[starts.faces], starts.barycentric), samples=_STEPS
+    )
     lines = curves.polylines()
     kept = _apart(lines, _APART * starts.spacing)
     counts = np.array([len(lines[i]) for i in kept])
-    return FlowLines(curves.positions[kept], curves.faces[kept], counts, float(duration))
+    return FlowLines(
+        np.asarray(curves.positions)[kept], np.asarray(curves.points.faces)[kept], counts, float(duration)
+    )
 
 
 def _apart(lines: list[Float[np.ndarray, "_ 3"]], distance: float) -> list[int]:

@@ -109,7 +109,7 @@ def _shown(told: Contents, name: str) -> dict[str, Any]:
                 "period": None
                 if (found := told.periods[i]) is None
                 else {
-                    "time": found.time,
+                    "time": found.period,
                     "spread": found.spread,
                     "closed": int(found.closed.sum()),
                     "curves": len(found.closed),

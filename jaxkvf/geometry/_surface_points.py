@@ -1,7 +1,9 @@
 """Points on a surface: a face and barycentric coordinates in it."""
 
-from typing import NamedTuple
+from typing import Any
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -12,37 +14,49 @@ from ..mesh import Topology, TriangleMesh
 _CANDIDATES = 16
 
 
-class SurfacePoints(NamedTuple):
-    """Points in faces; unpacks into the arguments of `flow`."""
+class SurfacePoints(eqx.Module):
+    """Points of a surface, each in a face: what `flow`, `integral_curves`, `orbit` and patterns take and return."""
 
-    faces: Int[Array, " N"]
-    barycentric: Float[Array, "N 3"]
-    """At least 0, summing to 1."""
+    faces: Int[Array, "*shape"] = eqx.field(converter=jnp.asarray)
+    """The face of each point."""
+    barycentric: Float[Array, "*shape 3"] = eqx.field(converter=jnp.asarray)
+    """The weights of its corners: at least 0, summing to 1. Dimensionless."""
+
+    def __len__(self) -> int:
+        return len(self.faces)
+
+    def __getitem__(self, index: Any) -> "SurfacePoints":
+        """Some of the points, chosen as from an array of them."""
+        return SurfacePoints(self.faces[index], self.barycentric[index])
 
 
-def vertex_points(topology: Topology, vertices: object = None) -> SurfacePoints:
+def vertex_points(mesh: TriangleMesh, vertices: object = None) -> SurfacePoints:
     """The given vertices (indices; by default all) as points in a face around each.
 
     Raises:
         ValueError: not a list of integers, or an index out of range.
     """
-    n = topology.n_vertices
+    n = mesh.topology.n_vertices
     chosen = np.arange(n) if vertices is None else np.atleast_1d(np.asarray(vertices))
     if chosen.ndim != 1 or not np.issubdtype(chosen.dtype, np.integer):
         raise ValueError(f"vertices must be a list of integers, got {vertices!r}")
     outside = chosen[(chosen < 0) | (chosen >= n)]
     if outside.size:
         raise ValueError(f"vertex {outside[0]} does not exist: the mesh has vertices 0…{n - 1}")
-    first = np.zeros(n, np.int32)
-    corners = np.asarray(topology.faces).ravel()
-    first[corners[::-1]] = np.arange(len(corners), dtype=np.int32)[::-1]
-    corner = first[chosen]
-    return SurfacePoints(jnp.asarray(corner // 3), jnp.asarray(np.eye(3)[corner % 3], float))
+    corner = _first_corners(mesh.topology)[chosen]
+    return SurfacePoints(corner // 3, jnp.eye(3, dtype=mesh.vertices.dtype)[corner % 3])
 
 
-def surface_positions(mesh: TriangleMesh, points: SurfacePoints) -> Float[Array, "N 3"]:
+def _first_corners(topology: Topology) -> Int[Array, " V"]:
+    """A corner at each vertex."""
+    corners = jnp.arange(3 * topology.n_faces, dtype=topology.faces.dtype)
+    return jax.ops.segment_min(corners, topology.faces.ravel(), num_segments=topology.n_vertices)
+
+
+def surface_positions(mesh: TriangleMesh, points: SurfacePoints) -> Float[Array, "*shape 3"]:
     """Σ b_i x_i: where the points are in space. Unit: length."""
-    return jnp.einsum("nc,ncx->nx", points.barycentric, mesh.vertices[mesh.faces[points.faces]])
+    weights = points.barycentric.astype(mesh.vertices.dtype)
+    return jnp.einsum("...c,...cx->...x", weights, mesh.vertices[mesh.faces[points.faces]])
 
 
 def closest_points(mesh: TriangleMesh, positions: object) -> SurfacePoints:
@@ -74,7 +88,7 @@ def closest_points(mesh: TriangleMesh, positions: object) -> SurfacePoints:
         faces[open_], barycentric[open_] = candidate[row, best], b[row, best]
         unsure = (distance[:, -1] - reach < gap[row, best]) & (count < len(middles))
         open_, count = open_[unsure], 4 * count
-    return SurfacePoints(jnp.asarray(faces.astype(np.int32)), jnp.asarray(barycentric, float))
+    return SurfacePoints(faces.astype(np.int32), jnp.asarray(barycentric, mesh.vertices.dtype))
 
 
 def _closest_in_triangles(
