@@ -43,7 +43,7 @@ def test_pattern_writes_textured_and_coloured_meshes(capsys, offscreen):
     assert {"p.glb", "p.obj", "p.mtl", "p.png", "p.ply", "s.ply", "pattern.png"} <= {
         p.name for p in Path().iterdir()
     }
-    assert TriangleMesh.load("p.obj").topology.n_vertices == 642
+    assert TriangleMesh.load("p.obj").topology.n_vertices > 642  # refined around the disks
 
 
 def test_what_cannot_be_done_says_why(capsys):

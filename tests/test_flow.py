@@ -234,8 +234,6 @@ def test_bad_input_is_named(disk):
     ):
         with pytest.raises(ValueError, match=message):
             flow(disk, *arguments)
-    with pytest.raises(TypeError, match="points must be SurfacePoints"):
-        flow(disk, turn, 1.0, (faces, b))
     with pytest.raises(ValueError, match="max_steps must be an integer of at least 1"):
         flow(disk, turn, 1.0, points, max_steps=0)
     with pytest.raises(ValueError, match="vertex 999 does not exist"):

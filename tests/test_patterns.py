@@ -1,5 +1,6 @@
 """Patterns: as many copies as asked for, invariant under the group, in files that other programs read."""
 
+import math
 import struct
 
 import numpy as np
@@ -12,7 +13,17 @@ import jaxkvf
 from jaxkvf import TriangleMesh, patterns, shapes, vertex_points
 from jaxkvf import geometry as g
 from jaxkvf.flows import flow
-from jaxkvf.patterns import bump, emboss, heights, paint, pattern, save_colored, save_textured, stripes
+from jaxkvf.patterns import (
+    bump,
+    emboss,
+    fastest_vertex,
+    heights,
+    paint,
+    pattern,
+    save_colored,
+    save_textured,
+    stripes,
+)
 from jaxkvf.patterns._subdivision import subdivided
 
 
@@ -49,7 +60,8 @@ def change(mesh, values, time):
 @pytest.fixture(scope="module")
 def spheroid():
     mesh = shapes.ellipsoid(16)
-    return pattern(mesh, turning(mesh), np.array([at_height(mesh, 0.2)]), 5, period=2 * np.pi)
+    at = np.array([at_height(mesh, 0.2)])
+    return pattern(mesh, turning(mesh), at, 5, period=2 * np.pi, edge=math.inf)
 
 
 def test_copies_are_counted_and_the_group_keeps_them(spheroid):
@@ -66,7 +78,9 @@ def test_copies_are_counted_and_the_group_keeps_them(spheroid):
 def test_a_vase_finely_divided():
     mesh = shapes.vase(96)
     found = jaxkvf.period(mesh, turning(mesh)).period
-    made = pattern(mesh, turning(mesh), np.array([at_height(mesh, 1.1)]), 9, period=found, subdivide=2)
+    made = pattern(
+        mesh, turning(mesh), np.array([at_height(mesh, 1.1)]), 9, period=found, subdivide=2, edge=math.inf
+    )
     assert pieces(made.mesh, heights(made) > 0.3) == 9
     assert change(made.mesh, heights(made), found / 9) <= 0.02
 
@@ -77,12 +91,45 @@ def test_the_disk_is_a_normal_chart_along_the_field():
     mesh = shapes.cylinder(48, height=3.0)
     x = np.asarray(mesh.vertices)
     p = int(np.argmin(np.abs(x[:, 2]) + np.abs(np.arctan2(x[:, 1], x[:, 0]))))
-    made = pattern(mesh, turning(mesh), np.array([p]), 4, period=2 * np.pi, radius=0.6)
+    made = pattern(mesh, turning(mesh), np.array([p]), 4, period=2 * np.pi, radius=0.6, edge=math.inf)
     chart = made.coordinates[0]
     inside = ~np.isnan(chart[:, 0])
     angle = np.angle(np.exp(1j * (np.arctan2(x[:, 1], x[:, 0]) - np.arctan2(x[p, 1], x[p, 0]))))
     exact = np.stack([angle, x[:, 2] - x[p, 2]], axis=1) / 0.6
     assert inside.sum() > 100 and np.abs(chart[inside] - exact[inside]).max() < 0.03
+
+
+def test_disks_are_round_on_a_coarse_mesh():
+    """Faces as large as a disk: the surface is refined around the disks, and there only."""
+    mesh = shapes.ellipsoid(4)
+    x = np.asarray(mesh.vertices)
+    center = fastest_vertex(mesh, turning(mesh))
+    made = pattern(mesh, turning(mesh), [center], 3, period=2 * np.pi, radius=0.4)
+    np.testing.assert_array_equal(made.mesh.vertices[: len(x)], mesh.vertices)
+    areas = [g.surface_area(g.edge_lengths(m.vertices, m.topology), m.topology) for m in (mesh, made.mesh)]
+    assert float(areas[0]) == pytest.approx(float(areas[1]), rel=1e-12)
+    assert made.mesh.topology.n_faces < 10_000
+    at = made.coordinates[:, np.asarray(made.mesh.faces)]
+    inside = np.isfinite(at).all(axis=(2, 3)) & (np.linalg.norm(at, axis=3) <= 1).all(axis=2)
+    for copy in range(3):
+        a, b, c = np.moveaxis(at[copy][inside[copy]], 1, 0)
+        covered = np.cross(b - a, c - a) / 2
+        assert covered.min() > 0 and covered.sum() > 0.9 * np.pi
+        sides = np.linalg.norm(np.stack([b - a, c - b, a - c]), axis=2)
+        assert sides.max() < 0.12
+
+
+def test_centres_keep_away_from_a_boundary():
+    mesh = shapes.vase(24)
+    x = np.asarray(mesh.vertices)
+    speed = np.linalg.norm(turning(mesh), axis=1)
+    rim = x[np.asarray(mesh.topology.is_boundary_vertex)]
+    assert len(rim)
+    center = fastest_vertex(mesh, turning(mesh), 0.2)
+    assert np.linalg.norm(rim - x[center], axis=1).min() >= 0.2 * speed[center]
+    on_rim = int(np.flatnonzero(np.asarray(mesh.topology.is_boundary_vertex))[0])
+    with pytest.warns(UserWarning, match="reaches over the boundary"):
+        pattern(mesh, turning(mesh), [on_rim], 4, period=2 * np.pi, radius=0.2, edge=0.5)
 
 
 def test_relief_and_colours(spheroid):
@@ -178,7 +225,7 @@ def test_bad_input_is_named(spheroid, tmp_path):
         with pytest.raises(ValueError, match=message):
             pattern(mesh, *arguments, **options)
     with pytest.warns(UserWarning, match="m ≤ 6 of this radius would fit"):
-        pattern(mesh, turn, at, 8, period=2 * np.pi, radius=0.5)
+        pattern(mesh, turn, at, 8, period=2 * np.pi, radius=0.5, edge=math.inf)
     with pytest.raises(ValueError, match=r"written as \.glb or \.obj, not '\.stl'"):
         save_textured(tmp_path / "x.stl", spheroid, np.zeros((4, 4, 3)))
     with pytest.raises(ValueError, match=r"written as \.ply"):

@@ -15,6 +15,7 @@ from ..geometry import edge_lengths, mean_edge_length, vertex_points
 from ..mesh import TriangleMesh
 from ..patterns import (
     emboss,
+    fastest_vertex,
     paint,
     pattern,
     read_image,
@@ -81,7 +82,7 @@ def add_to(commands: Any) -> None:
         type=count,
         nargs="+",
         metavar="VERTEX",
-        help="centres of the disks (default: where the field is fastest)",
+        help="centres of the disks (default: where the field is fastest, a radius from the boundary)",
     )
     decorate.add_argument(
         "--radius", type=finite, help="of the disks, in time: radius / speed (default: 0.4 T / m)"
@@ -244,8 +245,8 @@ def _pattern(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
         colors = dark + (0.5 + 0.5 * np.tanh(4 * values))[:, None] * (light - dark)
         save_colored(output, shape, colors)
     else:
-        speeds = np.linalg.norm(np.asarray(vectors), axis=1)
-        centers = [int(speeds.argmax())] if options.at is None else options.at
+        reach = 0.4 * found.period / options.copies if options.radius is None else options.radius
+        centers = [fastest_vertex(mesh, vectors, reach)] if options.at is None else options.at
         with console.status("following the disks"), warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             made = pattern(

@@ -1,8 +1,6 @@
 """The flow of a tangent field: where it takes points, how nearly it is an isometry, its period and its discrete groups."""
 
 from ._bracket import lie_bracket as lie_bracket
-from ._checked import check_at_least_one as check_at_least_one
-from ._checked import check_on_host as check_on_host
 from ._closed import ClosedField as ClosedField
 from ._closed import closed_field as closed_field
 from ._curves import IntegralCurves as IntegralCurves

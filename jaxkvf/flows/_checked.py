@@ -1,15 +1,14 @@
 """Arguments of flows, checked: values where there are any, shapes under transformations too."""
 
 import math
-import operator
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from ..arguments import checked_integer
 from ..geometry import SurfacePoints
 from ..mesh import Topology, TriangleMesh
 
@@ -108,23 +107,4 @@ def checked_steps(max_steps: int | None, topology: Topology) -> int:
     if max_steps is None:
         n = topology.n_faces
         return int(min(4 * n, 400 * math.sqrt(n))) + 10_000
-    check_at_least_one("max_steps", max_steps)
-    return max_steps
-
-
-def check_at_least_one(name: str, value: int) -> None:
-    """Raises `ValueError` unless `value` is an integer of at least 1."""
-    try:
-        fits = operator.index(value) >= 1
-    except TypeError:
-        fits = False
-    if not fits:
-        raise ValueError(f"{name} must be an integer of at least 1, got {value!r}")
-
-
-def check_on_host(name: str, *values: object) -> None:
-    """Raises `TypeError` where one of the values is traced: `name` works on the host."""
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(values)):
-        raise TypeError(
-            f"{name} runs on the host, on numbers: call it outside of jit, grad, vmap and other transformations"
-        )
+    return checked_integer("max_steps", max_steps)

@@ -8,8 +8,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..geometry import barycentric_vertex_areas, edge_lengths, face_normals
+from ..host import check_on_host
 from ..mesh import Topology, TriangleMesh
-from ._checked import check_on_host
 from ._period import NoPeriodError, Period, period
 
 _OWN = 0.99

@@ -9,10 +9,11 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from ..arguments import checked_integer
 from ..geometry import SurfacePoints, surface_positions
 from ..mesh import TriangleMesh
-from ._checked import check_at_least_one, checked_field, checked_points, checked_steps, checked_times
-from ._face_fields import tracing_field
+from ._checked import checked_field, checked_points, checked_steps, checked_times
+from ._face_fields import FaceField, tracing_field
 from ._flow import FlowStatus, follow
 
 
@@ -56,25 +57,24 @@ def integral_curves(
     Raises:
         ValueError: `samples` < 1; otherwise as for `flow`.
     """
-    check_at_least_one("samples", samples)
+    samples = checked_integer("samples", samples)
     field = checked_field(mesh, vectors)
     start = checked_points(mesh, points)
     times = checked_times(time, start)
     limit = checked_steps(max_steps, mesh.topology)
-    return _curves(mesh, field, times, start, max_steps=limit, samples=samples)
+    return _curves(mesh, tracing_field(mesh, field), times, start, max_steps=limit, samples=samples)
 
 
 @partial(jax.jit, static_argnames="samples")
 def _curves(
     mesh: TriangleMesh,
-    vectors: Float[Array, "V 3"],
+    field: FaceField,
     whole: Float[Array, " N"],
     start: SurfacePoints,
     *,
     max_steps: int | Int[Array, ""],
     samples: int,
 ) -> IntegralCurves:
-    field = tracing_field(mesh, vectors)
     Carry = tuple[SurfacePoints, Float[Array, " N"], Int[Array, " N"], Int[Array, ""]]
 
     def ahead(carry: Carry, _: None) -> tuple[Carry, tuple[SurfacePoints, Float[Array, " N"]]]:

@@ -56,15 +56,18 @@ def tracing_field(mesh: TriangleMesh, vectors: Float[Array, "V 3"]) -> FaceField
     topology = mesh.topology
     lengths = edge_lengths(mesh.vertices, topology)
     intrinsic = project(vectors, vertex_frames(mesh.vertices, topology))
-    sheets = [_sheet(u, lengths, topology) for u in (intrinsic, -intrinsic)]
+    both = jnp.stack([intrinsic, -intrinsic])
+    matrix, packed = jax.vmap(lambda u: _sheet(u, lengths, topology))(both)
+    ahead, back = jax.vmap(lambda m: _departures(m, topology))(matrix)
     further = 3 * topology.n_faces
-    twins, departures = (
-        jnp.concatenate([ahead, jnp.where(back < 0, back, back + further)])
-        for ahead, back in zip(
-            *[(_twins(topology), _departures(m, topology)) for m, _ in sheets], strict=True
-        )
-    )
-    return FaceField(jnp.concatenate([packed for _, packed in sheets]), jnp.concatenate([twins, departures]))
+    twins = _twins(topology)
+    exits = [twins, _moved(twins, further), ahead, _moved(back, further)]
+    return FaceField(packed.reshape(-1, 8), jnp.concatenate(exits))
+
+
+def _moved(exits: Int[Array, " H"], further: int) -> Int[Array, " H"]:
+    """Halfedges or corners of the first sheet as those of the second."""
+    return jnp.where(exits < 0, exits, exits + further)
 
 
 def _sheet(

@@ -78,7 +78,8 @@ def flow(
     field = checked_field(mesh, vectors)
     start = checked_points(mesh, points)
     times = checked_times(time, start)
-    return _flow(mesh, field, times, start, checked_steps(max_steps, mesh.topology))
+    limit = checked_steps(max_steps, mesh.topology)
+    return _flow(tracing_field(mesh, field), times, start, limit)
 
 
 def advect_vertices(
@@ -97,13 +98,12 @@ def advect_vertices(
 
 @jax.jit
 def _flow(
-    mesh: TriangleMesh,
-    vectors: Float[Array, "V 3"],
+    field: FaceField,
     times: Float[Array, " N"],
     start: SurfacePoints,
     max_steps: int | Int[Array, ""],
 ) -> Flow:
-    end, _ = follow(tracing_field(mesh, vectors), start, times, max_steps)
+    end, _ = follow(field, start, times, max_steps)
     return eqxi.nondifferentiable_backward(
         end, msg="a flow has no reverse-mode derivative: take jax.jvp or jax.jacfwd"
     )

@@ -9,8 +9,8 @@ from jaxtyping import Array, Float, Int
 
 from ..extras import extra
 from ..geometry import edge_lengths, surface_positions, vertex_points
+from ..host import check_on_host
 from ..mesh import TriangleMesh
-from ._checked import check_on_host
 from ._flow import FlowStatus, flow
 
 

@@ -10,17 +10,17 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
+from ..arguments import checked_integer
 from ..geometry import SurfacePoints, barycentric_vertex_areas, edge_lengths, surface_positions, vertex_points
+from ..host import check_on_host
 from ..mesh import TriangleMesh
 from ._checked import (
-    check_at_least_one,
-    check_on_host,
     checked_field,
     checked_points,
     checked_steps,
     checked_times,
 )
-from ._face_fields import tracing_field
+from ._face_fields import FaceField, tracing_field
 from ._flow import follow
 from ._returns import first_returns
 
@@ -91,7 +91,7 @@ def period(
         UserWarning: curves that count as closed come back more than a mean edge from where they started.
     """
     check_on_host("period", mesh, vectors)
-    check_at_least_one("curves", curves)
+    curves = checked_integer("curves", curves)
     field = checked_field(mesh, vectors)
     limit = checked_steps(max_steps, mesh.topology)
     components = _Components(mesh, np.asarray(field, np.float64))
@@ -198,12 +198,13 @@ def orbit(
     Raises:
         ValueError: m < 1; arguments as in `flow` and `period`.
     """
-    check_at_least_one("m", m)
+    m = checked_integer("m", m)
     field = checked_field(mesh, vectors)
     start = checked_points(mesh, points)
     whole = _period_of(mesh, vectors) if period is None else period
     times = checked_times(whole, start) / m
-    return _orbit(mesh, field, times, start, max_steps=checked_steps(max_steps, mesh.topology), m=m)
+    limit = checked_steps(max_steps, mesh.topology)
+    return _orbit(mesh, tracing_field(mesh, field), times, start, max_steps=limit, m=m)
 
 
 def _period_of(mesh: TriangleMesh, vectors: ArrayLike) -> float:
@@ -213,14 +214,13 @@ def _period_of(mesh: TriangleMesh, vectors: ArrayLike) -> float:
 @partial(jax.jit, static_argnames="m")
 def _orbit(
     mesh: TriangleMesh,
-    vectors: Float[Array, "V 3"],
+    field: FaceField,
     times: Float[Array, " N"],
     start: SurfacePoints,
     *,
     max_steps: int | Int[Array, ""],
     m: int,
 ) -> Orbit:
-    field = tracing_field(mesh, vectors)
 
     def turned(points: SurfacePoints, _: None) -> tuple[SurfacePoints, SurfacePoints]:
         return follow(field, points, times, max_steps)[0].points, points

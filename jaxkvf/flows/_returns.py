@@ -37,7 +37,6 @@ class _Curves(NamedTuple):
     miss: Float[Array, " c"]
 
 
-@jax.jit
 def first_returns(
     mesh: TriangleMesh,
     vectors: Float[Array, "V 3"],
@@ -46,7 +45,19 @@ def first_returns(
     max_steps: int | Int[Array, ""],
 ) -> Returns:
     """The first return of the integral curve through each point within the time `horizon`."""
-    field = tracing_field(mesh, vectors)
+    return _returns(mesh, vectors, tracing_field(mesh, vectors), start, horizon, max_steps=max_steps)
+
+
+@jax.jit
+def _returns(
+    mesh: TriangleMesh,
+    vectors: Float[Array, "V 3"],
+    field: FaceField,
+    start: SurfacePoints,
+    horizon: Float[Array, " c"],
+    *,
+    max_steps: int | Int[Array, ""],
+) -> Returns:
     corners = mesh.vertices[mesh.faces]
     frames = vertex_frames(mesh.vertices, mesh.topology)
     tangential = embed(project(vectors, frames), frames)

@@ -31,8 +31,9 @@ class Samples(eqx.Module):
 def spread_evenly(vertices: Float[ArrayLike, "V 3"], faces: Integer[ArrayLike, "F 3"], count: int) -> Samples:
     """`count` points spread evenly over a surface, however uneven its triangles; the same ones every time. On the host.
 
-    Where flow lines may start (`integral_curves(mesh, field, time, at.points)`), or arrows stand. Farthest-point sampling among random points of uniform density (fixed
-    seed). Opposite normals count as distance, so that the two sides of a thin wing each get their points.
+    Where flow lines may start (`integral_curves(mesh, field, time, at.points)`), or arrows stand. Farthest-point sampling
+    among random points of uniform density (fixed seed). Opposite normals count as distance, so that the two sides of a thin
+    wing each get their points.
 
     Args:
         vertices: positions. Unit: length.

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 from scipy.spatial import KDTree
 
+from ..host import check_on_host
 from ..mesh import Topology, TriangleMesh
 
 _CANDIDATES = 16
@@ -65,6 +66,7 @@ def closest_points(mesh: TriangleMesh, positions: object) -> SurfacePoints:
     Raises:
         ValueError: another shape, or a coordinate that is not finite.
     """
+    check_on_host("closest_points", mesh, positions)
     wanted = np.asarray(positions, np.float64)
     if wanted.ndim != 2 or wanted.shape[1] != 3 or not np.isfinite(wanted).all():
         raise ValueError(f"positions must be finite and of shape [N, 3], got shape {list(wanted.shape)}")

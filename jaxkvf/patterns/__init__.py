@@ -11,4 +11,5 @@ from ._files import save_textured as save_textured
 from ._files import texture as texture
 from ._files import texture_coordinates as texture_coordinates
 from ._pattern import Pattern as Pattern
+from ._pattern import fastest_vertex as fastest_vertex
 from ._pattern import pattern as pattern

@@ -9,8 +9,8 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.sparse.linalg import eigsh, splu
 
+from ..arguments import checked_integer
 from ..exterior import d0, flat
-from ..flows import check_at_least_one, check_on_host
 from ..flows import period as period_of
 from ..geometry import (
     barycentric_vertex_areas,
@@ -20,6 +20,7 @@ from ..geometry import (
     vertex_frames,
     vertex_normals,
 )
+from ..host import check_on_host
 from ..mesh import TriangleMesh
 from ..sparse import to_scipy
 from ._pattern import Pattern
@@ -106,7 +107,7 @@ def stripes(
         ValueError: count < 1; unknown direction; the field has no single-valued stream function (such as a turning torus).
     """
     check_on_host("stripes", mesh, vectors, period)
-    check_at_least_one("count", count)
+    count = checked_integer("count", count)
     if direction not in {"across", "along"}:
         raise ValueError(f"direction must be 'across' or 'along', got {direction!r}")
     topology = mesh.topology

@@ -7,12 +7,16 @@ import equinox as eqx
 import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Float, Int
+from scipy.spatial import KDTree
 
-from ..flows import check_at_least_one, check_on_host, flow
+from ..arguments import checked_integer, checked_positive
+from ..flows import flow, orbit
 from ..flows import period as period_of
-from ..geometry import vertex_points
+from ..geometry import closest_points, surface_positions, vertex_points
+from ..host import check_on_host
 from ..mesh import TriangleMesh
 from ._log_map import log_map
+from ._refinement import refined
 from ._subdivision import subdivided
 
 MARGIN = 1.3
@@ -20,12 +24,17 @@ MARGIN = 1.3
 _SHARE = 0.4
 """Default radius of a disk in distances between neighbouring copies: below ½ they stay apart."""
 
+_ON_THE_SURFACE = 1e-3
+"""Points further from the faces of a chart, in radii, lie on another part of the surface."""
+_SLOWEST = 0.05
+"""Share of the largest speed below which no disk is put."""
+
 
 class Pattern(eqx.Module):
     """Coordinates in the unit disk around the copies φ^jq(p), j = 0…m−1, of each centre p, for the vertices of a mesh."""
 
     mesh: TriangleMesh
-    """The surface, subdivided where that was asked for."""
+    """The surface, refined around the disks; its first vertices are those of the mesh that was given."""
     coordinates: Float[np.ndarray, "c W 2"]
     """(u, v) of each vertex in the disk of copy c = m i + j (centre i, image j): the log map at the centre, u along the
     field, over the radius; NaN far from it. |(u, v)| ≤ 1 is the disk."""
@@ -70,6 +79,7 @@ def pattern(
     radius: float | None = None,
     period: float | None = None,
     subdivide: int = 1,
+    edge: float = 1 / 12,
 ) -> Pattern:
     """A neighbourhood of each of some points, repeated m times along the field: coordinates for what is to decorate them.
 
@@ -84,19 +94,22 @@ def pattern(
         m: number of copies of each, the order of the group.
         radius: r, the disk around p has the radius r‖U(p)‖; by default 0.4 T/m, 0.8 of what leaves copies apart. Unit: time.
         period: T; by default `period(mesh, vectors).period`.
-        subdivide: in how many parts each edge is cut, so that reliefs have vertices to live on.
+        subdivide: in how many parts every edge of the surface is cut.
+        edge: longest edge around the disks, in their radii: there the surface is refined until no edge is longer, so that
+            disks are round and reliefs have vertices to live on; `math.inf`: nowhere.
 
     Raises:
-        ValueError: m < 1 or subdivide < 1; no such vertex; a centre where the field vanishes; radius not positive; what
-            `period` raises.
+        ValueError: m < 1 or subdivide < 1; no such vertex; a centre where the field vanishes; radius or edge not
+            positive; what `period` raises.
         ImportError: `potpourri3d` is not installed (`pip install "jaxkvf[patterns]"`).
 
     Warns:
-        UserWarning: disks overlap; the message says which m would fit.
+        UserWarning: disks overlap; the message says which m would fit. A disk reaches over the boundary.
     """
     check_on_host("pattern", mesh, vectors, vertices, radius, period)
-    check_at_least_one("m", m)
-    check_at_least_one("subdivide", subdivide)
+    m = checked_integer("m", m)
+    subdivide = checked_integer("subdivide", subdivide)
+    edge = checked_positive("edge", edge, finite=False)
     centers = np.atleast_1d(np.asarray(vertices))
     vertex_points(mesh, centers)
     u = np.asarray(vectors, np.float64)
@@ -111,24 +124,96 @@ def pattern(
             f"the field vanishes at vertex {centers[still[0]]}: a disk around it would have radius 0"
         )
 
-    fine, points = subdivided(mesh, subdivide)
-    charts = [log_map(mesh, int(p), u[p]) / (reach * s) for p, s in zip(centers, speed, strict=True)]
-    faces = np.asarray(mesh.faces)
-    coordinates = np.full((len(centers), m, len(points.faces), 2), np.nan)
+    around = orbit(mesh, vectors, m, vertex_points(mesh, centers), period=whole)
+    middles = np.asarray(surface_positions(mesh, around.points), np.float64).reshape(-1, 3)
+    radii = np.tile(reach * speed, m)
+    finer = refined(mesh, middles, MARGIN * radii, edge * subdivide / MARGIN)
+    fine, points = subdivided(finer.mesh, subdivide)
+    points = finer.in_coarse(points)
+    charts = [_Chart(finer.mesh, int(p), u[p], reach) for p in centers]
+    coordinates = np.full((len(centers), m, len(points), 2), np.nan)
     for j in range(m):
         if j:
             points = flow(mesh, vectors, -whole / m, points).points
-        corners, b = faces[np.asarray(points.faces)], np.asarray(points.barycentric)
+        places = np.asarray(surface_positions(mesh, points), np.float64)
         for i, chart in enumerate(charts):
-            at = np.einsum("wc,wcx->wx", b, chart[corners])
-            near = (
-                np.linalg.norm(chart[corners], axis=2).max(axis=1) <= 2 * MARGIN
-            )  # a chart tears at the cut locus
-            near &= np.linalg.norm(at, axis=1) <= MARGIN
-            coordinates[i, j, near] = at[near]
+            chart.read(places, coordinates[i, j])
     made = Pattern(fine, coordinates.reshape(len(centers) * m, -1, 2), m, whole, reach)
     _warn_if_overlapping(made, len(centers))
+    _warn_if_cut_off(mesh, centers, reach * speed)
     return made
+
+
+class _Chart:
+    """The log map at a vertex over the radius of its disk, where it is wanted."""
+
+    def __init__(self, mesh: TriangleMesh, vertex: int, vector: Float[np.ndarray, "3"], reach: float) -> None:
+        self._radius = reach * float(np.linalg.norm(vector))
+        self._middle = np.asarray(mesh.vertices[vertex], np.float64)
+        chart = log_map(mesh, vertex, vector) / self._radius
+        # A chart tears at the cut locus: faces far from the disk are left out, as are those across a tear.
+        extent = np.linalg.norm(chart, axis=1)[np.asarray(mesh.faces)].max(axis=1)
+        near = extent <= 2 * MARGIN
+        self._near = None
+        if near.any():
+            self._near, owner = mesh.submesh(near)
+            self._chart = chart[owner]
+
+    def read(self, places: Float[np.ndarray, "W 3"], into: Float[np.ndarray, "W 2"]) -> None:
+        """Writes the coordinates of points of the surface where the chart has any."""
+        close = np.flatnonzero(np.linalg.norm(places - self._middle, axis=1) <= MARGIN * self._radius)
+        if self._near is None or not close.size:
+            return
+        found = closest_points(self._near, places[close])
+        gap = np.linalg.norm(np.asarray(surface_positions(self._near, found)) - places[close], axis=1)
+        corners = self._chart[np.asarray(self._near.faces)[np.asarray(found.faces)]]
+        at = np.einsum("wc,wcx->wx", np.asarray(found.barycentric, np.float64), corners)
+        inside = (gap <= _ON_THE_SURFACE * self._radius) & (np.linalg.norm(at, axis=1) <= MARGIN)
+        into[close[inside]] = at[inside]
+
+
+def fastest_vertex(mesh: TriangleMesh, vectors: ArrayLike, radius: float = 0.0) -> int:
+    """The vertex where a field is fastest, of those whose disk of radius `radius` ‖U‖ does not reach the boundary.
+
+    If all disks do, that whose disk comes nearest to fit. On the host.
+
+    Args:
+        mesh: the surface.
+        vectors: `[V, 3]`. Unit: length / time.
+        radius: as for `pattern`. Unit: time.
+    """
+    check_on_host("fastest_vertex", mesh, vectors, radius)
+    speed = np.linalg.norm(np.asarray(vectors, np.float64), axis=1)
+    if not np.asarray(mesh.topology.is_boundary_vertex).any():
+        return int(speed.argmax())
+    fast = np.flatnonzero(speed > _SLOWEST * speed.max())
+    room = _distances_to_boundary(mesh, np.asarray(mesh.vertices, np.float64)[fast]) / speed[fast]
+    fits = room >= radius
+    return int(fast[np.where(fits, speed[fast], 0.0).argmax() if fits.any() else room.argmax()])
+
+
+def _distances_to_boundary(mesh: TriangleMesh, places: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+    """In space, to points 1/8 of an edge apart; infinite without boundary."""
+    topology = mesh.topology
+    ends = np.asarray(topology.edges)[np.asarray(topology.is_boundary_edge)]
+    if not len(ends):
+        return np.full(len(places), np.inf)
+    a, b = np.moveaxis(np.asarray(mesh.vertices, np.float64)[ends], 1, 0)
+    along = np.linspace(0, 1, 9)[:, None, None]
+    return KDTree(((1 - along) * a + along * b).reshape(-1, 3)).query(places)[0]
+
+
+def _warn_if_cut_off(
+    mesh: TriangleMesh, centers: Int[np.ndarray, " n"], radii: Float[np.ndarray, " n"]
+) -> None:
+    room = _distances_to_boundary(mesh, np.asarray(mesh.vertices, np.float64)[centers])
+    cut = np.flatnonzero(room < radii)
+    if cut.size:
+        warnings.warn(
+            f"the disk around vertex {centers[cut[0]]} reaches over the boundary ({cut.size} such disks): take a centre "
+            "further from it, or a smaller radius",
+            stacklevel=3,
+        )
 
 
 def _warn_if_overlapping(made: Pattern, centers: int) -> None:
