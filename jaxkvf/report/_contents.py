@@ -1,18 +1,21 @@
 """What a report tells of a surface, as arrays: fields, where they stretch it, periods, flow lines."""
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..arguments import Integer
 from ..fields import KillingFields, killing_fields
-from ..flows import Period, integral_curves, period
+from ..flows import NoPeriodError, Period, integral_curves, period
 from ..geometry import SurfacePoints, spread_evenly
 from ..killing import AbstractDiscretization, killing_energy_density
 from ..mesh import TriangleMesh
 
+_LIVES = 1e-2
+"""Share of the largest ∫|U| of a component below which no flow line starts on another."""
 LINES = 64
 """Flow lines of each field at most, and curves that its period is taken from: as many, so that tracing is compiled once."""
 _APART = 0.4
@@ -94,18 +97,19 @@ def _strain(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Float[np.nda
 
 
 def _period(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Period | None:
-    try:
-        return period(mesh, field, curves=LINES)
-    except ValueError:  # no curve closes: that is what the report will say
-        return None
+    with warnings.catch_warnings():  # the page tells how many curves close
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            return period(mesh, field, curves=LINES)
+        except NoPeriodError:  # that is what the report will say
+            return None
 
 
 def _lines(
     mesh: TriangleMesh, field: Float[np.ndarray, "V 3"], area: float, found: Period | None
 ) -> FlowLines:
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
-    speed = np.linalg.norm(field, axis=1)
-    moving = np.flatnonzero(speed[faces].mean(axis=1) > _MOVING * speed.max())
+    moving = np.flatnonzero(_moves(mesh, field))
     starts = spread_evenly(x, faces[moving], LINES)
     # A unit-norm field has the root mean square speed 1/√area: in this time it goes half around a sphere of this area.
     duration = np.sqrt(np.pi) * area if found is None else found.period
@@ -118,6 +122,18 @@ def _lines(
     return FlowLines(
         np.asarray(curves.positions)[kept], np.asarray(curves.points.faces)[kept], counts, float(duration)
     )
+
+
+def _moves(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Bool[np.ndarray, " F"]:
+    """The faces in which the field moves, measured by the fastest of the same component, where there is any field at all."""
+    x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    count, label = mesh.topology.components()
+    component, speed = label[faces[:, 0]], np.linalg.norm(field, axis=1)[faces].mean(axis=1)
+    a, b, c = np.moveaxis(x[faces], 1, 0)
+    flux = np.bincount(component, speed * np.linalg.norm(np.cross(b - a, c - a), axis=1), count)
+    most = np.zeros(count)
+    np.maximum.at(most, component, speed)
+    return (speed > _MOVING * most[component]) & (flux > _LIVES * flux.max())[component]
 
 
 def _apart(lines: list[Float[np.ndarray, "_ 3"]], distance: float) -> list[int]:
