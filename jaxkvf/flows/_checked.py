@@ -8,7 +8,7 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
-from ..arguments import checked_integer
+from ..arguments import Integer, checked_integer
 from ..geometry import SurfacePoints
 from ..mesh import Topology, TriangleMesh
 
@@ -95,7 +95,7 @@ def checked_times(time: ArrayLike, points: SurfacePoints) -> Float[Array, " N"]:
     return jnp.broadcast_to(times, (n,))
 
 
-def checked_steps(max_steps: int | None, topology: Topology) -> int:
+def checked_steps(max_steps: Integer | None, topology: Topology) -> int:
     """`max_steps`, or steps that are enough for dozens of times around a surface of these faces, however long they are.
 
     Once around crosses some 5 √F faces of even size, and all of them where they are as long as the surface. What goes

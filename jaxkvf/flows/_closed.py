@@ -7,6 +7,7 @@ import scipy.linalg
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
+from ..arguments import Integer
 from ..geometry import barycentric_vertex_areas, edge_lengths, face_normals
 from ..host import check_on_host
 from ..mesh import Topology, TriangleMesh
@@ -26,7 +27,9 @@ class ClosedField(eqx.Module):
     period: Period
 
 
-def closed_field(mesh: TriangleMesh, vectors: ArrayLike, *, curves: int = 64, seed: int = 0) -> ClosedField:
+def closed_field(
+    mesh: TriangleMesh, vectors: ArrayLike, *, curves: Integer = 64, seed: int = 0
+) -> ClosedField:
     """Of all combinations of some fields, one whose integral curves close, with its period.
 
     Fields of equal λ come in any basis: those of an open cylinder as two screws, neither of which closes. Tried are, from

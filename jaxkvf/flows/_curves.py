@@ -9,7 +9,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arguments import checked_integer
+from ..arguments import Integer, checked_integer
 from ..geometry import SurfacePoints, surface_positions
 from ..mesh import TriangleMesh
 from ._checked import checked_field, checked_points, checked_steps, checked_times
@@ -41,8 +41,8 @@ def integral_curves(
     time: ArrayLike,
     points: SurfacePoints,
     *,
-    samples: int = 200,
-    max_steps: int | None = None,
+    samples: Integer = 200,
+    max_steps: Integer | None = None,
 ) -> IntegralCurves:
     """The curves t ↦ φᵗ(p), followed exactly (see `flow`) and sampled at equal times.
 

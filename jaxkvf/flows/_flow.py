@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float, Int
 
+from ..arguments import Integer
 from ..geometry import SurfacePoints, surface_positions, vertex_points
 from ..mesh import TriangleMesh
 from . import _trace
@@ -46,7 +47,7 @@ def flow(
     time: ArrayLike,
     points: SurfacePoints,
     *,
-    max_steps: int | None = None,
+    max_steps: Integer | None = None,
 ) -> Flow:
     """φᵗ of the tangent field `vectors` (eq. (1) of the paper) for all points at once.
 
@@ -83,7 +84,7 @@ def flow(
 
 
 def advect_vertices(
-    mesh: TriangleMesh, vectors: ArrayLike, time: ArrayLike, *, max_steps: int | None = None
+    mesh: TriangleMesh, vectors: ArrayLike, time: ArrayLike, *, max_steps: Integer | None = None
 ) -> Float[Array, "V 3"]:
     """φᵗ of every vertex: the positions X_t = φᵗ(X₀) of §3.3. A vertex that meets the boundary stays there. Unit: length.
 

@@ -10,7 +10,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from ..arguments import checked_integer
+from ..arguments import Integer, checked_integer
 from ..geometry import SurfacePoints, barycentric_vertex_areas, edge_lengths, surface_positions, vertex_points
 from ..host import check_on_host
 from ..mesh import TriangleMesh
@@ -69,7 +69,12 @@ class Period(eqx.Module):
 
 
 def period(
-    mesh: TriangleMesh, vectors: ArrayLike, *, curves: int = 64, seed: int = 0, max_steps: int | None = None
+    mesh: TriangleMesh,
+    vectors: ArrayLike,
+    *,
+    curves: Integer = 64,
+    seed: int = 0,
+    max_steps: Integer | None = None,
 ) -> Period:
     """T with φᵀ = id (§4: L(γ)/‖U‖ is the same for all integral curves γ of a Killing field), from many curves.
 
@@ -179,11 +184,11 @@ class Orbit(eqx.Module):
 def orbit(
     mesh: TriangleMesh,
     vectors: ArrayLike,
-    m: int,
+    m: Integer,
     points: SurfacePoints,
     *,
     period: ArrayLike | None = None,
-    max_steps: int | None = None,
+    max_steps: Integer | None = None,
 ) -> Orbit:
     """The images of points under the cyclic group of order m that the flow over T/m generates (§4).
 

@@ -9,7 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 from scipy.sparse.linalg import eigsh, splu
 
-from ..arguments import checked_integer
+from ..arguments import Integer, Real, checked_integer
 from ..exterior import d0, flat
 from ..flows import period as period_of
 from ..geometry import (
@@ -84,10 +84,10 @@ def paint(
 def stripes(
     mesh: TriangleMesh,
     vectors: ArrayLike,
-    count: int,
+    count: Integer,
     *,
     direction: str = "across",
-    period: float | None = None,
+    period: Real | None = None,
 ) -> Float[np.ndarray, " V"]:
     """Stripes that the flow maps to themselves: the cosine, −1…1, of a phase at each vertex.
 

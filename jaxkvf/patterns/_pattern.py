@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from collections.abc import Sequence
 
 import equinox as eqx
 import numpy as np
@@ -9,7 +10,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from ..arguments import checked_integer, checked_positive
+from ..arguments import Integer, Real, checked_integer, checked_positive
 from ..flows import flow, orbit
 from ..flows import period as period_of
 from ..geometry import closest_points, surface_positions, vertex_points
@@ -73,13 +74,13 @@ class Pattern(eqx.Module):
 def pattern(
     mesh: TriangleMesh,
     vectors: ArrayLike,
-    vertices: ArrayLike,
-    m: int,
+    vertices: ArrayLike | Sequence[int],
+    m: Integer,
     *,
-    radius: float | None = None,
-    period: float | None = None,
-    subdivide: int = 1,
-    edge: float = 1 / 12,
+    radius: Real | None = None,
+    period: Real | None = None,
+    subdivide: Integer = 1,
+    edge: Real = 1 / 12,
 ) -> Pattern:
     """A neighbourhood of each of some points, repeated m times along the field: coordinates for what is to decorate them.
 
@@ -172,7 +173,7 @@ class _Chart:
         into[close[inside]] = at[inside]
 
 
-def fastest_vertex(mesh: TriangleMesh, vectors: ArrayLike, radius: float = 0.0) -> int:
+def fastest_vertex(mesh: TriangleMesh, vectors: ArrayLike, radius: Real = 0.0) -> int:
     """The vertex where a field is fastest, of those whose disk of radius `radius` ‖U‖ does not reach the boundary.
 
     If all disks do, that whose disk comes nearest to fit. On the host.
