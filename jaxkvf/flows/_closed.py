@@ -8,9 +8,9 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Float
 
 from ..arguments import Integer
-from ..geometry import barycentric_vertex_areas, edge_lengths, face_normals
+from ..geometry import barycentric_vertex_areas, edge_directions, edge_lengths, vertex_frames
 from ..host import check_on_host
-from ..mesh import Topology, TriangleMesh
+from ..mesh import TriangleMesh
 from ._period import NoPeriodError, Period, period
 
 _OWN = 0.99
@@ -97,17 +97,14 @@ def _candidates(mesh: TriangleMesh, fields: Float[np.ndarray, "d V 3"]) -> list[
 
 
 def _boundary_flux(mesh: TriangleMesh, fields: Float[np.ndarray, "d V 3"]) -> Float[np.ndarray, "d d"]:
-    """∮ ⟨U_i, n⟩⟨U_j, n⟩ ds along the boundary, of means over its edges."""
-    x, topology = np.asarray(mesh.vertices, np.float64), mesh.topology
+    """∮ ⟨U_i, n⟩⟨U_j, n⟩ ds along the boundary, of means over its edges, as tracers see them: in intrinsic frames."""
+    topology = mesh.topology
+    lengths = edge_lengths(mesh.vertices, topology)
+    frames = np.asarray(vertex_frames(mesh.vertices, topology), np.float64)
+    intrinsic = np.einsum("vax,ivx->iva", frames, fields)
     edge = np.flatnonzero(np.asarray(topology.is_boundary_edge))
-    ends = np.asarray(topology.edges)[edge]
-    side = x[ends[:, 1]] - x[ends[:, 0]]
-    outward = np.cross(side, np.asarray(face_normals(mesh.vertices, topology))[_faces_of(topology, edge)])
-    through = np.einsum("iex,ex->ie", fields[:, ends].mean(axis=2), outward)
-    length = np.linalg.norm(side, axis=1)
-    return (through / length) @ through.T
-
-
-def _faces_of(topology: Topology, edge: np.ndarray) -> np.ndarray:
-    """The face at each boundary edge."""
-    return np.asarray(topology.edge_faces)[edge].max(axis=1)
+    tangent = np.asarray(edge_directions(lengths, topology), np.float64)[edge]
+    at_ends = intrinsic[:, np.asarray(topology.edges)[edge]]
+    across = at_ends[..., 1] * tangent[..., 0] - at_ends[..., 0] * tangent[..., 1]
+    through = across.mean(axis=2)
+    return (through * np.asarray(lengths, np.float64)[edge]) @ through.T
