@@ -80,7 +80,7 @@ def pattern(
     radius: Real | None = None,
     period: Real | None = None,
     subdivide: Integer = 1,
-    edge: Real = 1 / 12,
+    edge: Real = 1 / 8,
 ) -> Pattern:
     """A neighbourhood of each of some points, repeated m times along the field: coordinates for what is to decorate them.
 
