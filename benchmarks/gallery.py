@@ -88,7 +88,7 @@ def symmetrized(path: Path) -> str:
     viz.render(path, scenes, view=viz.Z_UP, size=(1280, 640))
     return (
         f"A spheroid with a dent, λ₀·area = {float(before.dimensionless[0]):.3g}, and the symmetric mesh that `symmetrize` "
-        f"finds, {float(after.dimensionless[0]):.2g}, in {account.evaluations} evaluations. Vertices moved by "
+        f"finds, {float(after.dimensionless[0]):.2g}, in {account.steps} steps. Vertices moved by "
         f"{account.rms_displacement:.2f} mean edges (RMS), most of it to fill the dent. `viz.render`."
     )
 

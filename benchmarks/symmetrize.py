@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation  # noqa: E402
 
 import jaxkvf  # noqa: E402
 from jaxkvf import TriangleMesh, geometry, shapes  # noqa: E402
-from jaxkvf.symmetrization import OUTCOMES, PositionFidelity, ShapeBarrier, Surface, symmetry_report  # noqa: E402
+from jaxkvf.symmetrization import OUTCOMES, Configuration, PositionFidelity, ShapeBarrier, symmetry_report  # noqa: E402
 
 
 def asymmetry(mesh: TriangleMesh, count: int = 1) -> float:
@@ -62,20 +62,20 @@ def table_row(name: str, clean: TriangleMesh, sigma: float, count: int = 1, **op
     print(
         f"| {name} | {sigma:.0%} | {before:.2e} | {after:.2e} | {before / after:.1e} | {asymmetry(clean, count):.1e} "
         f"| {account.rms_displacement:.4f} | {low:.1f}° → {high:.1f}° | {account.flipped_faces} "
-        f"| {account.evaluations} | {seconds:.1f} | {OUTCOMES[done.result][:30] or 'successful'} |",
+        f"| {account.steps} | {seconds:.1f} | {OUTCOMES[done.result][:30] or 'successful'} |",
         end="",
     )
     if name == "spheroid":
         distances = [distance_to_revolution(m) / mean_edge(clean) for m in (noisy, done.mesh)]
         print(
-            f" RMS distance to the best surface of revolution's orbit {distances[0]:.4f} → {distances[1]:.4f}",
+            f" RMS distance to the spheroid (best rigid fit) {distances[0]:.4f} → {distances[1]:.4f}",
             end="",
         )
     print(flush=True)
 
 
 def distance_to_revolution(mesh: TriangleMesh) -> float:
-    """RMS distance to the spheroid 1 : 1 : 1.6, orbit of the noise-free mesh, after the best rigid motion."""
+    """RMS distance to the spheroid 1 : 1 : 1.6, where the noise-free mesh has its vertices, after the best rigid motion."""
     x = np.array(mesh.vertices)
 
     def distances(motion: np.ndarray) -> np.ndarray:
@@ -90,7 +90,7 @@ def distance_to_revolution(mesh: TriangleMesh) -> float:
 
 HEADER = (
     "| shape | noise | λ·area before | after | ratio | noise-free | moved (RMS, mean edges) "
-    "| smallest angle | flipped | evaluations | seconds | result |\n"
+    "| smallest angle | flipped | steps | seconds | result |\n"
     "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
 )
 
@@ -116,7 +116,7 @@ def large() -> None:
     start = time.perf_counter()
 
     def note(step: object) -> None:
-        times.append((time.perf_counter() - start, step.evaluations, step.dimensionless[0]))  # pyright: ignore
+        times.append((time.perf_counter() - start, step.steps, step.dimensionless[0]))  # pyright: ignore
 
     done = jaxkvf.symmetrize(mesh, rtol=1e-4, atol=0.0, callback=note)
     seconds = time.perf_counter() - start
@@ -124,11 +124,11 @@ def large() -> None:
     print(
         f"{mesh.topology.n_vertices} vertices: λ₀·area {first.dimensionless[0]:.3g} → {last.dimensionless[0]:.3g} "
         f"({last.dimensionless[0] / first.dimensionless[0]:.1e} of its start) in {seconds:.1f} s with compilation, "
-        f"{last.evaluations} evaluations, {OUTCOMES[done.result] or 'successful'}"
+        f"{last.steps} steps, {OUTCOMES[done.result] or 'successful'}"
     )
-    # Evaluations after compilation, rejected ones counted with the step that follows.
+    # Steps after compilation, rejected ones counted with the step that follows.
     settled = times[len(times) // 4 :]
-    per_evaluation = (settled[-1][0] - settled[0][0]) / (settled[-1][1] - settled[0][1])
+    per_step = (settled[-1][0] - settled[0][0]) / (settled[-1][1] - settled[0][1])
 
     solver = jaxkvf.multigrid_solver(mesh, rtol=1e-10)
     cold = jax.jit(
@@ -141,9 +141,9 @@ def large() -> None:
             begin = time.perf_counter()
             jax.block_until_ready(program(mesh.vertices))
             samples.append(time.perf_counter() - begin)
-        ratio = per_evaluation / np.median(samples)
+        ratio = per_step / np.median(samples)
         print(
-            f"{name} eigensolve + gradient {np.median(samples):.3f} s; a step {per_evaluation:.3f} s: ratio {ratio:.2f}"
+            f"{name} eigensolve + gradient {np.median(samples):.3f} s; a step {per_step:.3f} s: ratio {ratio:.2f}"
         )
 
 
@@ -153,24 +153,24 @@ def default_cold(mesh: TriangleMesh) -> Callable[[jax.Array], object]:
 
 def drivers() -> None:
     """Others minimise the same sum, written by a user with the public functions."""
-    print("| vertices | driver | λ₀·area reached | evaluations | seconds |\n| --- | --- | --- | --- | --- |")
+    print("| vertices | driver | λ₀·area reached | steps | seconds |\n| --- | --- | --- | --- | --- |")
     for frequency, budget in ((4, 60), (16, 100)):
         mesh = shapes.add_normal_noise(shapes.ellipsoid(frequency), 0.05, seed=0)
         before = asymmetry(mesh)
         print(f"| {mesh.topology.n_vertices} | (start) | {before:.2e} | | |")
-        original, terms = Surface.of(mesh), (PositionFidelity(), ShapeBarrier())
+        original, terms = Configuration.of(mesh), (PositionFidelity(), ShapeBarrier())
         unit = original.unit
 
         def loss(displacement: jax.Array, mesh=mesh, original=original, terms=terms, unit=unit) -> jax.Array:
             moved = mesh.with_vertices(mesh.vertices + unit * displacement.reshape(-1, 3))
-            surface = Surface.of(moved)
+            surface = Configuration.of(moved)
             area = geometry.surface_area(surface.lengths, mesh.topology)
             lowest = jaxkvf.killing_eigenvalues(moved, 1)[0] * area
             return lowest + sum(term(surface, original) for term in terms)
 
         def optimistix_path(mesh=mesh, budget=budget) -> tuple[jax.Array, int]:
             done = jaxkvf.symmetrize(mesh, rtol=0.0, atol=0.0, max_steps=budget)
-            return (done.mesh.vertices - mesh.vertices) / unit, done.stats["evaluations"]  # noqa: B023
+            return (done.mesh.vertices - mesh.vertices) / unit, done.stats["steps"]  # noqa: B023
 
         zero = jnp.zeros(mesh.vertices.shape)
         paths: dict[str, Callable[[], tuple[jax.Array, int]]] = {
@@ -187,11 +187,11 @@ def drivers() -> None:
             )
         for name, path in paths.items():
             start = time.perf_counter()
-            displacement, evaluations = path()
+            displacement, steps = path()
             seconds = time.perf_counter() - start
             reached = asymmetry(mesh.with_vertices(mesh.vertices + unit * displacement.reshape(-1, 3)))
             print(
-                f"| {mesh.topology.n_vertices} | {name} | {reached:.2e} | {evaluations} | {seconds:.1f} |",
+                f"| {mesh.topology.n_vertices} | {name} | {reached:.2e} | {steps} | {seconds:.1f} |",
                 flush=True,
             )
 

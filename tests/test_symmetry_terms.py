@@ -7,22 +7,22 @@ import pytest
 import jaxkvf
 from jaxkvf import shapes
 from jaxkvf.symmetrization import (
+    Configuration,
     LengthFidelity,
     NormalFidelity,
     PositionFidelity,
     ShapeBarrier,
-    Surface,
     VolumeFidelity,
 )
 
 
 def price(term, mesh, vertices):
-    return float(term(Surface.of(mesh.with_vertices(vertices)), Surface.of(mesh)))
+    return float(term(Configuration.of(mesh.with_vertices(vertices)), Configuration.of(mesh)))
 
 
 def test_of_a_shift():
     mesh = shapes.icosphere(3)
-    unit = float(Surface.of(mesh).unit)
+    unit = float(Configuration.of(mesh).unit)
     shifted = mesh.vertices + jnp.asarray([[0.1 * unit, 0, 0]])
     np.testing.assert_allclose(price(PositionFidelity(2.0), mesh, shifted), 2 * 0.01, rtol=1e-12)
     # The mean square of a component of a sphere's normals is a third.
@@ -33,7 +33,7 @@ def test_of_a_shift():
 
 def test_of_a_stretch():
     mesh = shapes.icosphere(3)
-    edges = np.asarray(Surface.of(mesh).lengths)
+    edges = np.asarray(Configuration.of(mesh).lengths)
     for s in (0.5, 2.0):
         stretched = s * mesh.vertices
         # ½ (2s² + 2/s²) − 2
@@ -41,6 +41,9 @@ def test_of_a_stretch():
         np.testing.assert_allclose(
             price(VolumeFidelity(3.0), mesh, stretched), 3 * (s**3 - 1) ** 2, rtol=1e-10
         )
+        radii = (np.asarray(mesh.vertices) ** 2).sum(axis=1)
+        displaced = (s - 1) ** 2 * radii.mean() / edges.mean() ** 2
+        np.testing.assert_allclose(price(PositionFidelity(2.0), mesh, stretched), 2 * displaced, rtol=1e-10)
         mean_square = (edges**2).mean() / edges.mean() ** 2
         np.testing.assert_allclose(
             price(LengthFidelity(1.0), mesh, stretched), (s - 1) ** 2 * mean_square, rtol=1e-10
@@ -75,3 +78,15 @@ def test_volume_needs_a_closed_surface():
     disk = shapes.disk(2)
     with pytest.raises(ValueError, match="closed surfaces"):
         price(VolumeFidelity(), disk, disk.vertices)
+
+
+def test_the_barrier_weighs_triangles_by_their_area():
+    """Two, apart, of which the larger is stretched by 2 in one direction: ½ (4 + ¼ + 2) − 2, times its share."""
+    triangles = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [5, 0, 0], [9, 0, 0], [5, 2, 0]])
+    mesh = jaxkvf.TriangleMesh.from_arrays(triangles, [[0, 1, 2], [3, 4, 5]])
+    moved = triangles.copy()
+    moved[4, 0] += 4
+    expected = 3 * (0.5 * 6.25 - 2) * 4 / 4.5
+    np.testing.assert_allclose(price(ShapeBarrier(3.0), mesh, jnp.asarray(moved)), expected, rtol=1e-12)
+    with pytest.raises(ValueError, match="weight must be finite and at least 0, got -1"):
+        ShapeBarrier(-1.0)

@@ -23,6 +23,7 @@ _REMEDIES = {
     "The vertices moved as far as": "Ask for fewer symmetries (`--count`), or accept the mesh as it is.",
     "The maximum number of": "Raise `--max-steps`.",
     "The eigensolver failed on the input mesh": "`jaxkvf fields MESH` says why.",
+    "λ·area came out below zero": _CHECK,
     "The minimiser arrived at a mesh": "`jaxkvf check MESH` tells whether triangles are too thin.",
 }
 """What to do on the command line, by how the message begins."""

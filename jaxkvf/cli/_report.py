@@ -39,7 +39,7 @@ def _report(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
 
             def show(step: Step) -> None:
                 asymmetry = step.dimensionless[: options.count].sum()
-                status.update(f"symmetrizing: λ·area = {asymmetry:.2e} after {step.evaluations} evaluations")
+                status.update(f"symmetrizing: λ·area = {asymmetry:.2e} after {step.steps} steps")
 
             done = symmetrize(mesh, options.count, callback=show)
             if done.mesh is None or done.result == OUTCOMES.eigensolver_failed:

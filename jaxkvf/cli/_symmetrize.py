@@ -36,7 +36,7 @@ def add_to(commands: Any) -> None:
     add_output(command, *WRITABLE, metavar="OUT", text="the mesh to write", required=True)
     add_count(command)
     command.add_argument(
-        "--max-steps", type=positive, default=500, help="most evaluations of the objective (default: 500)"
+        "--max-steps", type=positive, default=500, help="most steps of the minimiser (default: 500)"
     )
     command.add_argument(
         "--changes",
@@ -77,10 +77,10 @@ def _symmetrize(options: argparse.Namespace, console: "Console") -> dict[str, An
 
         def show(step: Step) -> None:
             asymmetry = step.dimensionless[: options.count].sum()
-            progress.update(task, completed=step.evaluations, asymmetry=asymmetry)
+            progress.update(task, completed=step.steps, asymmetry=asymmetry)
 
         done = symmetrize(mesh, options.count, max_steps=options.max_steps, callback=show)
-    if done.mesh is None or done.result == OUTCOMES.eigensolver_failed:
+    if done.mesh is None or done.result in (OUTCOMES.eigensolver_failed, OUTCOMES.below_zero):
         raise RuntimeError(OUTCOMES[done.result])
     result = done.mesh
     save_mesh(result, options.output, attributes, console)
@@ -159,5 +159,5 @@ def _account_table(account: SymmetryReport) -> "Table":
     named = ", ".join(f"{face} (×{account.stretches[face]:.2f})" for face in worst)
     table.add_row("most stretched faces", "", named)
     table.add_row("flipped faces", "", str(account.flipped_faces))
-    table.add_row("evaluations", "", str(account.evaluations))
+    table.add_row("steps", "", str(account.steps))
     return table

@@ -1,12 +1,12 @@
 """From nearly symmetric to exactly symmetric, by moving vertices."""
 
+from ._configuration import Configuration as Configuration
 from ._outcome import OUTCOMES as OUTCOMES
-from ._outcome import State as State
-from ._outcome import Step as Step
 from ._outcome import Symmetrization as Symmetrization
 from ._report import SymmetryReport as SymmetryReport
 from ._report import symmetry_report as symmetry_report
-from ._surface import Surface as Surface
+from ._state import State as State
+from ._state import Step as Step
 from ._symmetrize import symmetrize as symmetrize
 from ._targets import AbstractTarget as AbstractTarget
 from ._targets import ChosenField as ChosenField

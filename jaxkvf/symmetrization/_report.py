@@ -11,8 +11,8 @@ from jaxtyping import Array, Float, Int
 from ..fields import EXACT, killing_fields
 from ..geometry import face_normals
 from ..mesh import TriangleMesh
+from ._configuration import Configuration
 from ._outcome import OUTCOMES, Symmetrization
-from ._surface import Surface
 from ._terms import metric_at_rest
 
 _NAMED = 10  # triangles
@@ -39,7 +39,8 @@ class SymmetryReport(eqx.Module):
     """Before and after. Degrees."""
     flipped_faces: int
     """Faces whose normal turned by a right angle or more."""
-    evaluations: int
+    steps: int
+    """Of the minimiser, accepted or not."""
 
     @property
     def exact_before(self) -> int:
@@ -74,7 +75,7 @@ class SymmetryReport(eqx.Module):
             "most_changed_faces": [
                 {"face": int(face), "stretch": float(self.stretches[face])} for face in worst
             ],
-            "evaluations": self.evaluations,
+            "steps": self.steps,
         }
 
 
@@ -88,7 +89,7 @@ def symmetry_report(mesh: TriangleMesh, done: Symmetrization) -> SymmetryReport:
         raise ValueError("a report is about moved vertices; here edge lengths were optimised")
     if done.mesh.vertices.shape != mesh.vertices.shape or done.mesh.faces.shape != mesh.faces.shape:
         raise ValueError("the symmetrization is of another mesh")
-    displacements, stretches, flipped = _changes(Surface.of(mesh), done.mesh)
+    displacements, stretches, flipped = _changes(Configuration.of(mesh), done.mesh)
     first, last = done.history[0], done.history[-1]
     return SymmetryReport(
         result=OUTCOMES[done.result] or "successful",
@@ -100,15 +101,15 @@ def symmetry_report(mesh: TriangleMesh, done: Symmetrization) -> SymmetryReport:
         stretches=np.asarray(stretches),
         smallest_angles=(first.smallest_angle, last.smallest_angle),
         flipped_faces=int(flipped),
-        evaluations=last.evaluations,
+        steps=done.stats["steps"],
     )
 
 
 @jax.jit
 def _changes(
-    original: Surface, mesh: TriangleMesh
+    original: Configuration, mesh: TriangleMesh
 ) -> tuple[Float[Array, " V"], Float[Array, " F"], Int[Array, ""]]:
-    moved = Surface.of(mesh)
+    moved = Configuration.of(mesh)
     displacements = jnp.linalg.norm(moved.vertices - original.vertices, axis=1) / original.unit
     g_11, g_22, g_12 = metric_at_rest(moved, original).T
     mean, half = 0.5 * (g_11 + g_22), jnp.hypot(0.5 * (g_11 - g_22), g_12)

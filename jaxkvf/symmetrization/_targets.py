@@ -8,12 +8,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..arguments import Integer, check_shape, checked_integer
 from ..eigen import RESULTS, AbstractEigensolver, GeneralizedEigenproblem, eigsolve
 from ..geometry import project, surface_area, vertex_frames
 from ..killing import Regge
 from ..mesh import TriangleMesh
 from ..sparse import assembled, matmat
-from ._surface import Surface
+from ._configuration import Configuration
 
 BEYOND = 2
 """Fields beyond those of the target that are watched."""
@@ -29,7 +30,7 @@ class AbstractTarget(eqx.Module):
 
     @abc.abstractmethod
     def find(
-        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
+        self, surface: Configuration, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
         """The fields on a surface, and whether they were found.
 
@@ -41,6 +42,11 @@ class AbstractTarget(eqx.Module):
         """The fields, where they are known from the start."""
 
 
+def _checked_number(number: Integer) -> int:
+    most = "the most independent symmetries of a surface,"
+    return checked_integer("the number of fields", number, 1, 3, limit=most)
+
+
 class LowestFields(AbstractTarget):
     """The fields of smallest energy: 1 for a surface of revolution, 2 for a cylinder, 3 for a sphere.
 
@@ -49,21 +55,13 @@ class LowestFields(AbstractTarget):
     along too: the next is nearer to the span of all three than to the last.
     """
 
-    number: int = eqx.field(default=1, static=True)
-
-    def __check_init__(self) -> None:
-        if isinstance(self.number, bool) or not isinstance(self.number, int) or self.number < 1:
-            raise ValueError(f"the number of fields must be a positive integer, got {self.number!r}")
-        if self.number > 3:
-            raise ValueError(
-                f"the number of fields must be at most 3 (no surface has more independent symmetries), got {self.number}"
-            )
+    number: int = eqx.field(default=1, static=True, converter=_checked_number)
 
     def count(self) -> int:
         return self.number
 
     def find(
-        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
+        self, surface: Configuration, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
         problem, k = _assembled_problem(surface), self.number
         shown = min(k + BEYOND, problem.size)
@@ -87,23 +85,20 @@ class LowestFields(AbstractTarget):
 class ChosenField(AbstractTarget):
     """A tangent field to keep: the mesh is moved until this one is Killing, in the intrinsic frames that move with it."""
 
-    vectors: Float[Array, "V 3"]
+    vectors: Float[Array, "V 3"] = eqx.field(converter=jnp.asarray)
     """At the vertices of the input, of any norm but 0; the normal part is dropped."""
 
     def count(self) -> int:
         return 1
 
     def find(
-        self, surface: Surface, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
+        self, surface: Configuration, guess: Float[Array, "n g"] | None, solver: AbstractEigensolver | None
     ) -> tuple[Float[Array, "n k"], Bool[Array, ""]]:
         assert guess is not None  # `given`
         return guess, jnp.isfinite(surface.lengths).all()
 
     def given(self, mesh: TriangleMesh) -> Float[Array, "n k"]:
-        if self.vectors.shape != mesh.vertices.shape:
-            raise ValueError(
-                f"vectors must have shape {list(mesh.vertices.shape)}, got {list(self.vectors.shape)}"
-            )
+        check_shape("vectors", self.vectors, mesh.vertices.shape)
         return project(self.vectors, vertex_frames(mesh.vertices, mesh.topology)).reshape(-1, 1)
 
 
@@ -115,24 +110,24 @@ def _ritz_vectors(problem: GeneralizedEigenproblem, basis: Float[Array, "n k"]) 
 
 
 @eqx.filter_jit
-def _assembled_problem(surface: Surface) -> GeneralizedEigenproblem:
+def _assembled_problem(surface: Configuration) -> GeneralizedEigenproblem:
     problem = killing_problem(surface)
     return GeneralizedEigenproblem(assembled(problem.A), assembled(problem.B))
 
 
-def killing_problem(surface: Surface) -> GeneralizedEigenproblem:
+def killing_problem(surface: Configuration) -> GeneralizedEigenproblem:
     """Discretization `regge`: the other is not positive semi-definite and cannot be minimised."""
     return Regge().eigenproblem(surface.lengths, surface.topology)
 
 
-def dimensionless_energies(surface: Surface, fields: Float[Array, "n k"]) -> Float[Array, " k"]:
+def dimensionless_energies(surface: Configuration, fields: Float[Array, "n k"]) -> Float[Array, " k"]:
     """E_K(U) / ‖U‖² · area of each field. At eigenvectors, λ · area and (fields held fixed) its derivative."""
     problem: Any = killing_problem(surface)
     norms = (fields * matmat(problem.B, fields)).sum(axis=0)
     return problem.A.energies(fields) / norms * surface_area(surface.lengths, surface.topology)
 
 
-def strains(surface: Surface, fields: Float[Array, "n m"]) -> Float[Array, " r"]:
+def strains(surface: Configuration, fields: Float[Array, "n m"]) -> Float[Array, " r"]:
     """r with Σ r² = tr (UᵀBU)⁻¹(UᵀAU) · area: Σ λ · area at eigenvectors and more anywhere else. Smooth in U."""
     problem: Any = killing_problem(surface)
     gram = fields.T @ matmat(problem.B, fields)

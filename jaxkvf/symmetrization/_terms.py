@@ -1,33 +1,40 @@
 """What moving a mesh costs: small objects, each a sum of squares."""
 
 import abc
+from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..arguments import checked_not_negative
 from ..geometry import corner_cotangents, face_areas, vertex_normals
-from ._surface import Surface
+from ._configuration import Configuration
 
 
 class AbstractTerm(eqx.Module):
     """A dimensionless price Σ r² of changing `original` to `moved`, 0 for changing nothing."""
 
     @abc.abstractmethod
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         """r, its weight included; smooth."""
 
-    def __call__(self, moved: Surface, original: Surface) -> Float[Array, ""]:
+    def __call__(self, moved: Configuration, original: Configuration) -> Float[Array, ""]:
         """The price."""
         return (self.residuals(moved, original) ** 2).sum()
+
+
+def _weight(default: float) -> Any:
+    return eqx.field(default=default, static=True, converter=partial(checked_not_negative, "weight"))
 
 
 class PositionFidelity(AbstractTerm):
     """Weight × mean squared displacement of the vertices, in mean edge lengths of the original."""
 
-    weight: float = eqx.field(default=1e-4, static=True)
+    weight: float = _weight(1e-4)
 
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         displacement = (moved.vertices - original.vertices) / original.unit
         return _root_of_mean(self.weight, displacement.ravel(), len(displacement))
 
@@ -38,9 +45,9 @@ class NormalFidelity(AbstractTerm):
     Vertices may slide along the surface at no price.
     """
 
-    weight: float = eqx.field(default=1e-4, static=True)
+    weight: float = _weight(1e-4)
 
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         displacement = (moved.vertices - original.vertices) / original.unit
         normals = vertex_normals(original.vertices, original.topology)
         return _root_of_mean(self.weight, (displacement * normals).sum(axis=1), len(displacement))
@@ -49,9 +56,9 @@ class NormalFidelity(AbstractTerm):
 class LengthFidelity(AbstractTerm):
     """Weight × mean squared change of the edge lengths, in mean edge lengths of the original: free to bend."""
 
-    weight: float = eqx.field(default=1e-4, static=True)
+    weight: float = _weight(1e-4)
 
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         change = (moved.lengths - original.lengths) / original.unit
         return _root_of_mean(self.weight, change, len(change))
 
@@ -63,9 +70,9 @@ class VolumeFidelity(AbstractTerm):
         ValueError: the surface has a boundary, and encloses nothing.
     """
 
-    weight: float = eqx.field(default=1.0, static=True)
+    weight: float = _weight(1.0)
 
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         if 3 * moved.topology.n_faces != 2 * moved.topology.n_edges:
             raise ValueError("VolumeFidelity is for closed surfaces; this one has a boundary")
         change = _volume(moved) / _volume(original) - 1
@@ -82,9 +89,9 @@ class ShapeBarrier(AbstractTerm):
     Reference: J. Smith, S. Schaefer, Bijective Parameterization with Free Boundaries (2015).
     """
 
-    weight: float = eqx.field(default=1e-4, static=True)
+    weight: float = _weight(1e-4)
 
-    def residuals(self, moved: Surface, original: Surface) -> Float[Array, " r"]:
+    def residuals(self, moved: Configuration, original: Configuration) -> Float[Array, " r"]:
         topology = original.topology
         rest_area = face_areas(original.lengths, topology)
         determinant = face_areas(moved.lengths, topology) / rest_area  # of √g
@@ -110,12 +117,12 @@ def _root_of_mean(weight: float, r: Float[Array, " r"], count: int) -> Float[Arr
     return (weight / count) ** 0.5 * r
 
 
-def _volume(surface: Surface) -> Float[Array, ""]:
+def _volume(surface: Configuration) -> Float[Array, ""]:
     a, b, c = (surface.vertices[surface.topology.faces[:, corner]] for corner in range(3))
     return (a * jnp.cross(b, c)).sum() / 6
 
 
-def metric_at_rest(moved: Surface, original: Surface) -> Float[Array, "F 3"]:
+def metric_at_rest(moved: Configuration, original: Configuration) -> Float[Array, "F 3"]:
     """g₁₁, g₂₂, g₁₂ of each moved triangle in an orthonormal frame of its original shape: ℓ² = eᵀg e on all sides."""
     topology = original.topology
     sides = original.lengths[topology.face_edges]

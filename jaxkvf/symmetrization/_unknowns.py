@@ -2,16 +2,18 @@
 
 import abc
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, PyTree
 
+from ..arguments import check_shape, checked_not_negative
 from ..geometry import barycentric_vertex_areas, cotan_weights, edge_lengths, face_areas, face_normals
 from ..mesh import Topology, TriangleMesh
-from ._surface import Surface
+from ._configuration import Configuration
 
 
 class AbstractUnknowns(eqx.Module):
@@ -19,15 +21,19 @@ class AbstractUnknowns(eqx.Module):
 
     @abc.abstractmethod
     def start(self, mesh: TriangleMesh) -> PyTree[Float[Array, "..."]]:
-        """θ to begin with."""
+        """θ to begin with, in JAX's default precision, which minimisers work in, whatever the mesh's."""
 
     @abc.abstractmethod
-    def surface(self, theta: Any, original: Surface) -> Surface:
+    def surface(self, theta: Any, original: Configuration) -> Configuration:
         """The surface of θ, differentiable."""
 
-    def is_valid(self, moved: Surface, original: Surface) -> Bool[Array, ""]:
+    def is_valid(self, moved: Configuration, original: Configuration) -> Bool[Array, ""]:
         """Whether a minimiser may go there."""
         return (face_areas(moved.lengths, moved.topology) > 0).all()
+
+
+def _as_mask(fixed: ArrayLike | None) -> Bool[Array, " V"] | None:
+    return None if fixed is None else jnp.asarray(fixed)
 
 
 class Displacements(AbstractUnknowns):
@@ -40,27 +46,26 @@ class Displacements(AbstractUnknowns):
     Reference: J. Neuberger, Sobolev Gradients and Differential Equations (1997).
     """
 
-    fixed: Bool[Array, " V"] | None = None
+    fixed: Bool[Array, " V"] | None = eqx.field(default=None, converter=_as_mask)
     """Vertices that stay where they are."""
-    smoothing: float = eqx.field(default=0.0, static=True)
-
-    def __check_init__(self) -> None:
-        if not self.smoothing >= 0:
-            raise ValueError(f"smoothing must not be negative, got {self.smoothing}")
+    smoothing: float = eqx.field(
+        default=0.0, static=True, converter=partial(checked_not_negative, "smoothing")
+    )
 
     def start(self, mesh: TriangleMesh) -> Float[Array, "V 3"]:
-        if self.fixed is not None and self.fixed.shape != mesh.vertices.shape[:1]:
-            raise ValueError(f"fixed must have shape [{len(mesh.vertices)}], got {list(self.fixed.shape)}")
-        return jnp.zeros_like(mesh.vertices)
+        if self.fixed is not None:
+            check_shape("fixed", self.fixed, mesh.vertices.shape[:1], "one a vertex")
+        return jnp.zeros(mesh.vertices.shape, float)
 
-    def surface(self, theta: Float[Array, "V 3"], original: Surface) -> Surface:
+    def surface(self, theta: Float[Array, "V 3"], original: Configuration) -> Configuration:
+        theta = theta.astype(original.lengths.dtype)
         if self.smoothing:
             theta = _smoothed(theta, original, self.smoothing)
         if self.fixed is not None:
             theta = jnp.where(self.fixed[:, None], 0, theta)
-        return Surface.of(TriangleMesh(original.vertices + original.unit * theta, original.topology))
+        return Configuration.of(TriangleMesh(original.vertices + original.unit * theta, original.topology))
 
-    def is_valid(self, moved: Surface, original: Surface) -> Bool[Array, ""]:
+    def is_valid(self, moved: Configuration, original: Configuration) -> Bool[Array, ""]:
         before, after = (face_normals(s.vertices, s.topology) for s in (original, moved))
         return ((before * after).sum(axis=1) > 0).all()
 
@@ -72,10 +77,12 @@ class EdgeLengths(AbstractUnknowns):
     """
 
     def start(self, mesh: TriangleMesh) -> Float[Array, " E"]:
-        return jnp.zeros(mesh.topology.n_edges, mesh.vertices.dtype)
+        return jnp.zeros(mesh.topology.n_edges, float)
 
-    def surface(self, theta: Float[Array, " E"], original: Surface) -> Surface:
-        return Surface(original.lengths * jnp.exp(theta), None, original.topology)
+    def surface(self, theta: Float[Array, " E"], original: Configuration) -> Configuration:
+        return Configuration(
+            original.lengths * jnp.exp(theta.astype(original.lengths.dtype)), None, original.topology
+        )
 
 
 class Parameters(AbstractUnknowns):
@@ -95,12 +102,12 @@ class Parameters(AbstractUnknowns):
             )
         return self.initial
 
-    def surface(self, theta: Any, original: Surface) -> Surface:
-        vertices = self.vertices(theta)
-        return Surface(edge_lengths(vertices, original.topology), vertices, original.topology)
+    def surface(self, theta: Any, original: Configuration) -> Configuration:
+        vertices = self.vertices(theta).astype(original.lengths.dtype)
+        return Configuration(edge_lengths(vertices, original.topology), vertices, original.topology)
 
 
-def _smoothed(field: Float[Array, "V 3"], original: Surface, length: float) -> Float[Array, "V 3"]:
+def _smoothed(field: Float[Array, "V 3"], original: Configuration, length: float) -> Float[Array, "V 3"]:
     """(M + s²L)⁻¹ M field, s in mean edges, M and L the lumped mass and the cotangent Laplacian of the original."""
     topology: Topology = original.topology
     mass = barycentric_vertex_areas(original.lengths, topology)[:, None]

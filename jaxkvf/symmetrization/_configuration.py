@@ -7,7 +7,7 @@ from ..geometry import edge_lengths, mean_edge_length
 from ..mesh import Topology, TriangleMesh
 
 
-class Surface(eqx.Module):
+class Configuration(eqx.Module):
     """Edge lengths over a connectivity, with vertex positions where there are any."""
 
     lengths: Float[Array, " E"]
@@ -15,7 +15,7 @@ class Surface(eqx.Module):
     topology: Topology
 
     @classmethod
-    def of(cls, mesh: TriangleMesh) -> "Surface":
+    def of(cls, mesh: TriangleMesh) -> "Configuration":
         """The surface of a mesh."""
         return cls(edge_lengths(mesh.vertices, mesh.topology), mesh.vertices, mesh.topology)
 
