@@ -42,7 +42,7 @@ def _report(options: argparse.Namespace, console: "Console") -> dict[str, Any]:
                 status.update(f"symmetrizing: λ·area = {asymmetry:.2e} after {step.steps} steps")
 
             done = symmetrize(mesh, options.count, callback=show)
-            if done.mesh is None or done.result == OUTCOMES.eigensolver_failed:
+            if done.mesh is None or done.result in (OUTCOMES.eigensolver_failed, OUTCOMES.below_zero):
                 raise RuntimeError(OUTCOMES[done.result])
             moved, remark = done.mesh, OUTCOMES[done.result]
         told = write_report(
