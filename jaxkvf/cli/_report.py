@@ -77,5 +77,5 @@ def _describe(told: Contents) -> dict[str, Any]:
         "area": float(told.fields.area),
         "eigenvalues_times_area": np.asarray(told.fields.dimensionless).tolist(),
         "clusters": np.asarray(told.fields.clusters).tolist(),
-        "periods": [None if found is None else found.time for found in told.periods],
+        "periods": [None if found is None else found.period for found in told.periods],
     }
