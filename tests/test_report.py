@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import sys
+import time
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -44,9 +45,12 @@ def about_z(mesh: TriangleMesh) -> Contents:
     some = np.ones(4)
     closed = Period(3.0, 0.0, 0, some, some, 0 * some, some > 0, np.arange(4), np.zeros(4, int))
     lines = FlowLines(
-        x[np.asarray(mesh.faces)[:5]], np.arange(5)[:, None] + np.zeros((1, 3), int), np.full(5, 3), 3.0
+        x[np.asarray(mesh.faces)[:5]],
+        np.arange(5)[:, None] + np.zeros((1, 3), int),
+        np.full(5, 3),
+        np.full(5, 3.0),
     )
-    return Contents(mesh, found, np.abs(fields).sum(axis=2), (closed, None), (lines, lines))
+    return Contents(mesh, found, np.ones((2, 1)), np.abs(fields).sum(axis=2), (closed, None), (lines, lines))
 
 
 def data_of(text: str) -> dict:
@@ -113,6 +117,37 @@ def test_what_cannot_be_done_says_why(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "page.html").exists()
 
 
+def with_speck(main: TriangleMesh, size: float) -> TriangleMesh:
+    """The mesh and beside it a closed tetrahedron of another size."""
+    x = np.concatenate([main.vertices, size * np.vstack([np.zeros(3), np.eye(3)]) + 5.0])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]) + len(main.vertices)
+    return TriangleMesh.from_arrays(x, np.concatenate([main.faces, faces]))
+
+
+@pytest.mark.slow
+def test_specks_take_no_time_and_few_curves():
+    """Curves around a speck a thousandth as large go round it a million times while those of the rest go round once."""
+    mesh = with_speck(shapes.cylinder(12), 1e-3)
+    contents(mesh, 6)  # compiles
+    start = time.perf_counter()
+    told = contents(mesh, 6)
+    assert time.perf_counter() - start < 20
+    on_speck = told.shares[:, 1] > 0.5
+    assert on_speck.any() and not on_speck.all()
+    label = mesh.topology.components()[1][np.asarray(mesh.faces)[:, 0]]
+    for alone, lines in zip(on_speck, told.lines, strict=True):
+        here = label[lines.faces[:, 0]]
+        assert len(lines.counts) > 0 and (lines.counts > 1).all()
+        if alone:
+            assert len(here) <= 8
+        for component in np.unique(
+            here
+        ):  # as far as half around a sphere of this area, not a thousand times around
+            x = lines.positions[here == component]
+            gone = np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1)
+            assert gone.max() < 10 * np.ptp(x.reshape(-1, 3), axis=0).max()
+
+
 @pytest.mark.slow
 def test_contents_are_those_of_the_fields():
     mesh = shapes.ellipsoid(6)
@@ -121,7 +156,7 @@ def test_contents_are_those_of_the_fields():
     energies = told.strains**2 @ np.asarray(barycentric_vertex_areas(lengths, mesh.topology))
     np.testing.assert_allclose(energies, told.fields.eigenvalues, rtol=1e-6, atol=1e-12)
     x, (turning, _) = np.asarray(mesh.vertices), told.lines
-    assert told.periods[0] is not None and turning.duration == told.periods[0].period
+    assert told.periods[0] is not None and (turning.durations == told.periods[0].period).all()
     start, end = turning.positions[:, 0], turning.positions[:, -1]
     assert np.linalg.norm(end - start, axis=1).max() < 0.1 * float(lengths.mean())
     starts = np.sort(start[:, 2])

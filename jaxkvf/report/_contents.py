@@ -2,10 +2,10 @@
 
 import warnings
 from collections.abc import Callable
-from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..arguments import Integer
 from ..fields import KillingFields, killing_fields
@@ -13,11 +13,14 @@ from ..flows import NoPeriodError, Period, integral_curves, period
 from ..geometry import SurfacePoints, spread_evenly
 from ..killing import AbstractDiscretization, killing_energy_density
 from ..mesh import TriangleMesh
+from ..parts import component_shares
 
-_LIVES = 1e-2
-"""Share of the largest ∫|U| of a component below which no flow line starts on another."""
 LINES = 64
 """Flow lines of each field at most, and curves that its period is taken from: as many, so that tracing is compiled once."""
+_LEAST = 4
+"""Flow lines sought on what is small."""
+CARRIED = 0.01
+"""Share of ∫|U|², relative to the largest, from which on a component counts as one that carries the field."""
 _APART = 0.4
 """Least distance between a line's start and the lines before it, in mean distances between starts."""
 _STEPS = 160
@@ -25,7 +28,7 @@ _MOVING = 0.1
 """Share of the largest speed below which no flow line starts: it would be a dot."""
 
 
-class FlowLines(NamedTuple):
+class FlowLines(eqx.Module):
     """Integral curves of a field, as polylines in its faces."""
 
     positions: Float[np.ndarray, "n s 3"]
@@ -34,15 +37,17 @@ class FlowLines(NamedTuple):
     """The face of each point."""
     counts: Int[np.ndarray, " n"]
     """How many points each has until it leaves the surface."""
-    duration: float
+    durations: Float[np.ndarray, " n"]
     """The time that all s points take: the period, where there is one. Unit: time of the unit-norm field, length²."""
 
 
-class Contents(NamedTuple):
+class Contents(eqx.Module):
     """A surface and its k fields, as a report shows them."""
 
     mesh: TriangleMesh
     fields: KillingFields
+    shares: Float[np.ndarray, "k C"]
+    """Share of ∫|U|² of each field on each component of the mesh."""
     strains: Float[np.ndarray, "k V"]
     """‖KU‖ at the vertices, pointwise, the mean of the faces around in the square. Unit: length⁻²."""
     periods: tuple[Period | None, ...]
@@ -76,20 +81,19 @@ def contents(
 
     say(f"solving for {k} fields on {mesh.topology.n_vertices} vertices")
     fields = killing_fields(mesh, k, discretization=discretization)
-    vectors = np.asarray(fields.vectors)
+    vectors, shares = np.asarray(fields.vectors), component_shares(mesh, fields)
     strains, periods, lines = [], [], []
     for i, field in enumerate(vectors):
         say(f"following field {i} of {k}")
         strains.append(_strain(mesh, field))
         periods.append(_period(mesh, field))
-        lines.append(_lines(mesh, field, float(fields.area), periods[-1]))
-    return Contents(mesh, fields, np.stack(strains), tuple(periods), tuple(lines))
+        lines.append(_lines(mesh, field, shares[i], periods[-1]))
+    return Contents(mesh, fields, shares, np.stack(strains), tuple(periods), tuple(lines))
 
 
 def _strain(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Float[np.ndarray, " V"]:
     x, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    a, b, c = np.moveaxis(x[faces], 1, 0)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    areas = _face_areas(x, faces)
     density = np.asarray(killing_energy_density(mesh, mesh.vertices.dtype.type(field)))
     corners, each = faces.ravel(), np.repeat(areas, 3)
     energy = np.bincount(corners, np.repeat(areas * density, 3), len(x))
@@ -106,34 +110,45 @@ def _period(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Period | Non
 
 
 def _lines(
-    mesh: TriangleMesh, field: Float[np.ndarray, "V 3"], area: float, found: Period | None
+    mesh: TriangleMesh, field: Float[np.ndarray, "V 3"], shares: Float[np.ndarray, " C"], found: Period | None
 ) -> FlowLines:
-    x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
-    moving = np.flatnonzero(_moves(mesh, field))
-    starts = spread_evenly(x, faces[moving], LINES)
-    # A unit-norm field has the root mean square speed 1/√area: in this time it goes half around a sphere of this area.
-    duration = np.sqrt(np.pi) * area if found is None else found.period
-    curves = integral_curves(
-        mesh, field, duration, SurfacePoints(moving[starts.faces], starts.barycentric), samples=_STEPS
-    )
-    lines = curves.polylines()
-    kept = _apart(lines, _APART * starts.spacing)
-    counts = np.array([len(lines[i]) for i in kept])
-    return FlowLines(
-        np.asarray(curves.positions)[kept], np.asarray(curves.points.faces)[kept], counts, float(duration)
-    )
-
-
-def _moves(mesh: TriangleMesh, field: Float[np.ndarray, "V 3"]) -> Bool[np.ndarray, " F"]:
-    """The faces in which the field moves, measured by the fastest of the same component, where there is any field at all."""
+    """On the components that carry the field, each in its own time: else those of a speck would go round it without end."""
     x, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     count, label = mesh.topology.components()
-    component, speed = label[faces[:, 0]], np.linalg.norm(field, axis=1)[faces].mean(axis=1)
+    on = label[faces[:, 0]]
+    areas = np.bincount(on, _face_areas(x, faces), count)
+    speed = np.linalg.norm(field, axis=1)
+    fastest = np.zeros(count)
+    np.maximum.at(fastest, label, speed)
+    carries = shares > CARRIED * shares.max()
+    moving = np.flatnonzero((speed[faces].mean(axis=1) > _MOVING * fastest[on]) & carries[on])
+    # Where all that moves is a speck, fewer: as many as its extent, not its area, is of the whole.
+    wanted = max(round(LINES * np.sqrt(areas[carries].sum() / areas.sum())), _LEAST)
+    starts = spread_evenly(x, faces[moving], wanted)
+    # On a component with the share s of a unit-norm field and the area a its root mean square speed is √(s/a): in this time
+    # it goes half around a sphere of this area.
+    durations = np.sqrt(np.pi) * areas / np.sqrt(np.maximum(shares, CARRIED * shares.max()))
+    if found is not None:
+        durations[found.component] = found.period
+    first = moving[starts.faces]
+    padded = np.resize(np.arange(wanted), LINES)  # always as many: tracing is compiled once
+    curves = integral_curves(
+        mesh,
+        field,
+        durations[on[first]][padded],
+        SurfacePoints(first[padded], starts.barycentric[padded]),
+        samples=_STEPS,
+    )
+    lines = curves.polylines()[:wanted]
+    kept = _apart(lines, _APART * starts.spacing)
+    counts = np.array([len(lines[i]) for i in kept])
+    positions, passed = np.asarray(curves.positions)[kept], np.asarray(curves.points.faces)[kept]
+    return FlowLines(positions, passed, counts, durations[on[first[kept]]])
+
+
+def _face_areas(x: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Float[np.ndarray, " F"]:
     a, b, c = np.moveaxis(x[faces], 1, 0)
-    flux = np.bincount(component, speed * np.linalg.norm(np.cross(b - a, c - a), axis=1), count)
-    most = np.zeros(count)
-    np.maximum.at(most, component, speed)
-    return (speed > _MOVING * most[component]) & (flux > _LIVES * flux.max())[component]
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
 
 
 def _apart(lines: list[Float[np.ndarray, "_ 3"]], distance: float) -> list[int]:

@@ -16,7 +16,7 @@ from ..geometry import edge_lengths, mean_edge_length, split_at_creases, spread_
 from ..mesh import TriangleMesh
 from ..viz import CREASE_ANGLE, SPEED_MAP, X_UP, Y_UP, Z_UP, color_map, view_upright
 from ._axis import symmetry_axis
-from ._contents import Contents, FlowLines
+from ._contents import CARRIED, Contents, FlowLines
 
 _ARROWS = 300
 _LIFT = 0.0012
@@ -99,6 +99,7 @@ def _shown(told: Contents, name: str) -> dict[str, Any]:
             "area": float(fields.area),
             "boundary loops": topology.boundary_loops()[0],
             "components": topology.components()[0],
+            "solver": fields.solver,
         },
         "fields": [
             {
@@ -106,6 +107,7 @@ def _shown(told: Contents, name: str) -> dict[str, Any]:
                 "dimensionless": float(fields.dimensionless[i]),
                 "cluster": int(fields.clusters[i]),
                 "residual": float(fields.residuals[i]),
+                "components": np.flatnonzero(told.shares[i] > CARRIED * told.shares[i].max()).tolist(),
                 "period": None
                 if (found := told.periods[i]) is None
                 else {
@@ -141,7 +143,6 @@ def _lines(
         "origin": (low - 0.01 * reach).tolist(),
         "reach": 1.02 * reach,
         "points": lines.positions.shape[1],
-        "duration": lines.duration,
         "pulses": 6,
     }
 

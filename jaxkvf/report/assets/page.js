@@ -24,7 +24,7 @@ function describe() {
   const number = (n) => n.toLocaleString("en");
   $("facts").textContent =
     `${number(facts.vertices)} vertices, ${number(facts.faces)} faces, ${loops ? `${loops} boundary loop${loops > 1 ? "s" : ""}` : "closed"}` +
-    `${pieces}; area ${brief(facts.area)}`;
+    `${pieces}; area ${brief(facts.area)}. Solved by ${facts.solver}.`;
   const verdicts = data.surfaces.map(({ name, fields }) => {
     const exact = fields.filter((f) => f.dimensionless < data.exact).length;
     const lowest = brief(fields[0].dimensionless);
@@ -35,9 +35,13 @@ function describe() {
   $("verdict").textContent = verdicts.map((text) => text[0].toUpperCase() + text.slice(1)).join("");
 }
 
+/** Numbers of components, not more of them than fit. */
+const listed = (numbers) => numbers.slice(0, 3).join(", ") + (numbers.length > 3 ? ", …" : "");
+
 function tabulate(choose) {
   const two = data.surfaces.length > 1;
-  const head = ["field", ...(two ? ["λ·area before", "after"] : ["λ·area"]), "multiplicity", "period T", "closed", "residual"];
+  const many = before.facts.components > 1;
+  const head = ["field", ...(two ? ["λ·area before", "after"] : ["λ·area"]), many ? "mult." : "multiplicity", "period T", "closed", ...(many ? ["component"] : []), "residual"];
   const shown = data.surfaces[data.surfaces.length - 1].fields;
   const all = clusters(shown);
   const rows = shown.map((field, i) => {
@@ -49,6 +53,7 @@ function tabulate(choose) {
       multiplicity(all, field.cluster),
       closed >= 50 ? brief(period.time) : "–",
       `${closed} %`,
+      ...(many ? [listed(field.components)] : []),
       field.residual.toExponential(0),
     ];
     const row = document.createElement("tr");
