@@ -19,6 +19,7 @@ from .eigen import LOBPCG as LOBPCG
 from .eigen import DenseEigh as DenseEigh
 from .eigen import ScipyEigsh as ScipyEigsh
 from .fields import KillingFields as KillingFields
+from .fields import component_shares as component_shares
 from .fields import intrinsic_killing_eigenvalues as intrinsic_killing_eigenvalues
 from .fields import killing_eigenvalues as killing_eigenvalues
 from .fields import killing_fields as killing_fields
@@ -50,7 +51,6 @@ from .mesh import repair as repair
 from .mesh import shapes as shapes
 from .parts import LocalSymmetry as LocalSymmetry
 from .parts import SymmetricParts as SymmetricParts
-from .parts import component_shares as component_shares
 from .parts import local_symmetry as local_symmetry
 from .parts import symmetric_parts as symmetric_parts
 from .patterns import Pattern as Pattern

@@ -17,9 +17,9 @@ from .eigen import (
     eigsolve,
     spectral_sum,
 )
-from .geometry import edge_lengths, embed, surface_area, vertex_frames
+from .geometry import barycentric_vertex_areas, edge_lengths, embed, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
-from .mesh import Topology, TriangleMesh, check_fits
+from .mesh import Topology, TriangleMesh, check_fits, name_first
 from .solvers import chosen_solver, working_memory
 
 EXACT = 1e-3
@@ -80,12 +80,14 @@ def killing_fields(
         throw: raise if the eigensolver fails; otherwise look at `.result`.
 
     Raises:
-        ValueError: k not an integer between 1 and the number of unknowns; unknown discretization; not a region.
+        ValueError: k not an integer between 1 and the number of unknowns; unknown discretization; not a region, or one
+            that touches itself in a vertex, where a field has a vector on either side.
         MeshTooLargeError: memory will not hold the solve.
         equinox.EquinoxRuntimeError: the eigensolver failed and `throw`.
     """
     if region is not None:
         piece, origins = mesh.submesh(region)
+        _check_unpinched(origins)
         found = killing_fields(
             piece,
             k,
@@ -208,6 +210,28 @@ def _starting_vectors(
             "with the same connectivity, in the same discretization"
         )
     return jax.lax.stop_gradient(coefficients).T
+
+
+def _check_unpinched(origins: Int[np.ndarray, " n"]) -> None:
+    vertices, copies = np.unique(origins, return_counts=True)
+    pinched = vertices[copies > 1]
+    if pinched.size:
+        raise ValueError(
+            f"the region touches itself in {name_first('vertex', pinched)}, where a field would have several vectors: add "
+            "the faces between, or solve on the mesh that `mesh.submesh(region)` returns, which has a copy for each side"
+        )
+
+
+def component_shares(mesh: TriangleMesh, fields: KillingFields) -> Float[np.ndarray, "k C"]:
+    """Share of ∫|U|² of each field on each component of the mesh (numbered as by `mesh.topology.components`).
+
+    1 where a field lives on one component alone; fields of equal eigenvalues on several may come mixed.
+    """
+    count, component = mesh.topology.components()
+    areas = barycentric_vertex_areas(edge_lengths(mesh.vertices, mesh.topology), mesh.topology)
+    density = np.asarray(areas) * (np.asarray(fields.vectors) ** 2).sum(axis=2)
+    shares = np.stack([density[:, component == c].sum(axis=1) for c in range(count)], axis=1)
+    return shares / shares.sum(axis=1, keepdims=True)
 
 
 def _posed(

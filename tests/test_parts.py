@@ -15,7 +15,9 @@ from jaxkvf import (
     symmetric_parts,
 )
 from jaxkvf.geometry import edge_lengths, intrinsic_delaunay, surface_area
-from jaxkvf.parts import _Surface
+from jaxkvf.killing import Pieces, Regge
+from jaxkvf.parts._lowest import lowest
+from jaxkvf.sparse import to_scipy
 
 
 def two_spheres() -> TriangleMesh:
@@ -89,13 +91,50 @@ def test_components_are_told_apart():
 def test_a_piece_has_the_matrices_of_regge():
     """The whole of a closed surface is its `regge` on the intrinsic Delaunay triangulation; a flat piece has a symmetry."""
     mesh = shapes.random_sphere(200, seed=4, radii=(1.0, 1.5, 2.0))
-    whole = _Surface(mesh).lowest(np.arange(mesh.topology.n_faces))
     found = intrinsic_delaunay(mesh)
+    whole = lowest(Pieces(found.lengths, found.topology), np.arange(mesh.topology.n_faces))
     area = surface_area(found.lengths, found.topology)
     expected = killing_eigenvalues(mesh, 1, discretization="regge-delaunay", solver=DenseEigh())[0] * area
     np.testing.assert_allclose(whole, expected, rtol=1e-7)
-    disk = _Surface(shapes.disk(6))
-    assert disk.lowest(np.arange(100)) < 1e-10
+    disk = shapes.disk(6)
+    piece = Pieces(edge_lengths(disk.vertices, disk.topology), disk.topology)
+    assert abs(lowest(piece, np.arange(100))) < 1e-10
+
+
+def test_the_matrices_of_all_faces_are_those_of_regge():
+    mesh = shapes.random_sphere(60, seed=4, radii=(1.0, 1.5, 2.0))
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    problem = Regge().eigenproblem(lengths, mesh.topology)
+    A, B, vertices = Pieces(lengths, mesh.topology).matrices(np.arange(mesh.topology.n_faces))
+    np.testing.assert_array_equal(vertices, np.arange(60))
+    np.testing.assert_allclose(A.toarray(), to_scipy(problem.A).toarray(), atol=1e-12 * abs(A).max())
+    np.testing.assert_allclose(B.toarray(), to_scipy(problem.B).toarray(), atol=1e-14)
+
+
+def test_a_region_that_touches_itself_is_refused_and_the_remedy_works():
+    mesh = shapes.icosphere(3)
+    around = np.flatnonzero((np.asarray(mesh.faces) == 20).any(axis=1))
+    starts, corners = np.asarray(mesh.topology.spoke_starts), np.asarray(mesh.topology.spoke_corners)
+    ring = corners[starts[20] :][: len(around)] // 3
+    with pytest.raises(ValueError, match=r"touches itself in vertex 20, .*`mesh.submesh\(region\)`"):
+        killing_fields(mesh, 1, region=ring[[0, 2]])
+    piece, origins = mesh.submesh(ring[[0, 2]])
+    both = np.flatnonzero(origins == 20)
+    fields = killing_fields(piece, 6, solver=DenseEigh())  # two loose triangles: three symmetries each
+    assert (np.abs(np.asarray(fields.dimensionless)) < 1e-10).all()
+    assert (np.linalg.norm(np.asarray(fields.vectors)[:, both], axis=2).max(axis=0) > 0.1).all()
+
+
+def test_a_component_without_a_sample_has_no_value():
+    sphere = shapes.icosphere(2)
+    x, faces, n = np.asarray(sphere.vertices), np.asarray(sphere.faces), sphere.topology.n_vertices
+    three = TriangleMesh.from_arrays(
+        np.concatenate([x, x * [1, 1, 2] + 5, x * [1, 2, 3] + 10]),
+        np.concatenate([faces, faces + n, faces + 2 * n]),
+    )
+    values = local_symmetry(three, 10.0, samples=2).values.reshape(3, n)
+    sampled = np.isfinite(values).all(axis=1)
+    assert sampled.sum() == 2 and np.isnan(values[~sampled]).all()
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from ._factorization import AbstractFactorization as AbstractFactorization
 from ._factorization import Cholmod as Cholmod
 from ._factorization import SuperLU as SuperLU
 from ._factorization import cholmod_is_installed as cholmod_is_installed
+from ._factorization import default_factorization as default_factorization
 from ._failure import DegenerateEigenvalueError as DegenerateEigenvalueError
 from ._failure import DerivativeError as DerivativeError
 from ._fallback import WithFallback as WithFallback

@@ -32,6 +32,7 @@ from ._surface_points import SurfacePoints as SurfacePoints
 from ._surface_points import closest_points as closest_points
 from ._surface_points import surface_positions as surface_positions
 from ._surface_points import vertex_points as vertex_points
+from ._metric import triangle_areas as triangle_areas
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations

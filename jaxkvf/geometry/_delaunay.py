@@ -16,9 +16,7 @@ import numpy as np
 from jaxtyping import Array, DTypeLike, Float, Int
 
 from ..arguments import Integer, check_shape, checked_integer
-from ..mesh import Topology, TriangleMesh
-from ..mesh._flipping import DelaunayFlips, delaunay_flips
-from ..mesh._topology import TopologyArrays
+from ..mesh import DelaunayFlips, Topology, TopologyArrays, TriangleMesh, delaunay_flips
 from ._duals import cotan_weights
 from ._metric import edge_lengths, triangle_areas
 

@@ -40,12 +40,17 @@ def _sorted_three(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
 def triangle_areas(a: Float[Array, " n"], b: Float[Array, " n"], c: Float[Array, " n"]) -> Float[Array, " n"]:
     """Areas of triangles with these sides by Kahan's formula, accurate to rounding for thin ones. Unit: length².
 
-    NaN where three lengths break the triangle inequality: nothing is clamped.
+    Three lengths that are flat within their rounding count as thick as that (2ε of the longest); NaN where they break the
+    triangle inequality by more (4ε).
 
     Reference: W. Kahan, Miscalculating Area and Angles of a Needle-like Triangle (2014), §2.
     """
     a, b, c = _sorted_three(a, b, c)
-    return 0.25 * jnp.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))
+    rounding = jnp.finfo(a.dtype).eps * a
+    excess = c - (a - b)
+    excess = jnp.where((excess < 2 * rounding) & (excess > -4 * rounding), 2 * rounding, excess)
+    # Two roots: the product of four lengths leaves the range of numbers where areas do not.
+    return 0.25 * jnp.sqrt((a + (b + c)) * (a + (b - c))) * jnp.sqrt((c + (a - b)) * excess)
 
 
 @jax.jit

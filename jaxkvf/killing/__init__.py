@@ -7,6 +7,7 @@ from ._energy import killing_energy as killing_energy
 from ._energy import killing_energy_density as killing_energy_density
 from ._hierarchy import vector_hierarchy as vector_hierarchy
 from ._on_delaunay import OnIntrinsicDelaunay as OnIntrinsicDelaunay
+from ._pieces import Pieces as Pieces
+from ._regge import KillingOperator as KillingOperator
 from ._regge import Regge as Regge
-from ._regge import squared_length_rates as squared_length_rates
 from ._regge import vector_mass as vector_mass

@@ -15,11 +15,12 @@ References: T. Regge, General relativity without coordinates (1961); S. Christia
 import jax
 import jax.numpy as jnp
 import lineax as lx
+import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, DTypeLike, Float
 
 from ..eigen import GeneralizedEigenproblem
-from ..geometry import corner_cotangents, edge_directions, face_areas, rotations_between
+from ..geometry import edge_directions, face_areas, rotations_between, triangle_areas
 from ..mesh import Topology
 from ..sparse import Graph, SymmetricBlockOperator, assembled, declare_leaf, matmat, to_scipy
 from ._discretization import AbstractDiscretization
@@ -29,14 +30,12 @@ class Regge(AbstractDiscretization):
     """Tangent vectors at vertices, two unknowns each: positive semi-definite, λ₀ of fourth order, any boundary."""
 
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
-        # Areas and directions are computed once: what is computed twice is differentiated twice.
-        areas, directions = face_areas(lengths, topology), edge_directions(lengths, topology)
-        A = KillingOperator(
-            _rate_coefficients(lengths, directions),
-            areas[:, None, None] * _tensor_products(lengths, areas, topology),
-            topology,
+        # Directions are computed once: what is computed twice is differentiated twice.
+        directions = edge_directions(lengths, topology)
+        return GeneralizedEigenproblem(
+            _killing_operator(lengths, directions, topology),
+            _mass(mass_areas(lengths, topology), directions, topology),
         )
-        return GeneralizedEigenproblem(A, _mass(areas, directions, topology))
 
     def to_vertex_vectors(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
@@ -51,62 +50,94 @@ class Regge(AbstractDiscretization):
     def energy(
         self, coefficients: Float[Array, " n"], lengths: Float[Array, " E"], topology: Topology
     ) -> Float[Array, ""]:
-        vectors = coefficients.reshape(-1, 2)
-        return (face_areas(lengths, topology) * energy_density(vectors, lengths, topology)).sum()
+        operator = _killing_operator(lengths, edge_directions(lengths, topology), topology)
+        return operator.energies(coefficients[:, None])[0]
 
 
-def squared_length_rates(
-    vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
-) -> Float[Array, " E"]:
-    """h_e = d/dt ℓ² along the flow of a vertex field: 2ℓ (⟨U_head, e⟩ − ⟨U_tail, e⟩). Unit: vector × length."""
-    coefficients = _rate_coefficients(lengths, edge_directions(lengths, topology))
-    return (vectors[topology.edges] * coefficients).sum(axis=(1, 2))
-
-
-def _rate_coefficients(
-    lengths: Float[Array, " E"], directions: Float[Array, "E 2 2"]
-) -> Float[Array, "E 2 2"]:
-    """∂h_e/∂U at tail and head of each edge."""
+def _killing_operator(
+    lengths: Float[Array, " E"], directions: Float[Array, "E 2 2"], topology: Topology
+) -> "KillingOperator":
     signs = jnp.asarray([-1.0, 1.0], lengths.dtype)[None, :, None]
-    return 2 * lengths[:, None, None] * signs * directions
+    return KillingOperator(signs * directions, _strain_factors(lengths[topology.face_edges]), topology)
 
 
-def _tensor_products(
-    lengths: Float[Array, " E"], areas: Float[Array, " F"], topology: Topology
-) -> Float[Array, "F 3 3"]:
-    """⟨S_e, S_e'⟩ of the sides of each face: ½ (g_ac g_bd + g_ad g_bc), g_ij = ∇λ_i·∇λ_j, from lengths alone."""
-    # −g_ij is that of the third corner
-    x, y, z = (corner_cotangents(lengths, topology) / (2 * areas[:, None])).T
-    # ∇λ_i·(∇λ_i + ∇λ_j + ∇λ_k) = 0
-    g = ((y + z, -z, -y), (-z, z + x, -x), (-y, -x, x + y))
+def _strain_factors(sides: Float[Array, "F 3"]) -> Float[Array, "F 3 3"]:
+    """√area (KU_xx, √2 KU_xy, KU_yy) of each face as a function of the rates ℓ̇ of its sides, x along the longest.
 
-    def product(side: int, other: int) -> Float[Array, " F"]:
-        (a, b), (c, d) = ((s, (s + 1) % 3) for s in (side, other))  # side s joins corners s and s + 1
-        return 0.5 * (g[a][c] * g[b][d] + g[a][d] * g[b][c])
+    With the longest side a for unit, and the other two, b after it and c before it, meeting at height t over the fraction
+    u of it, h = 2ℓℓ̇ gives KU_xx = 2ℓ̇_a, KU_xy = (cℓ̇_c − bℓ̇_b − (2u − 1)ℓ̇_a)/t and
+    KU_yy = 2(c(1 − u)ℓ̇_c + buℓ̇_b − u(1 − u)ℓ̇_a)/t². Dimensionless.
 
-    return jnp.stack([jnp.stack([product(s, t) for t in range(3)], axis=1) for s in range(3)], axis=1)
+    The last sum is of order t, so the energy of the last two strains grows as 1/t. Where t is below `least_thickness`, 1/t
+    is replaced by what it is for a mollified t, so that rounding leaves small eigenvalues their digits; and where an angle
+    is that small, as those of a flat obtuse face, the last strain fades, whose direction rounding does not know. Fields
+    that stretch no edge still cost nothing, and other faces stay as they are. (Mollified lengths would bend the surface.)
+
+    Reference: N. Sharp, K. Crane, A Laplacian for Nonmanifold Triangle Meshes (2020), §4.5: intrinsic mollification.
+    """
+    longest = jnp.argmax(sides, axis=1)
+    a, b, c = (jnp.take_along_axis(sides, ((longest + i) % 3)[:, None], axis=1)[:, 0] for i in range(3))
+    t = 2 * triangle_areas(a, b, c) / (a * a)
+    b, c = b / a, c / a
+    u = 0.5 * (1 + (c - b) * (c + b))
+    zero, root = jnp.zeros_like(t), jnp.sqrt(_mollified(t))
+    sine = t / jnp.where(b < c, b, c)  # of the angle at which the shorter side meets the longest
+    fade = (sine / _mollified(sine)) ** 2
+    along, shear, across = jnp.sqrt(2 * t), 1 / root, 2**0.5 * fade / (root * t)
+    rows = (
+        (along, zero, zero),
+        (-(2 * u - 1) * shear, -b * shear, c * shear),
+        (-u * (1 - u) * across, u * b * across, (1 - u) * c * across),
+    )
+    from_longest = jnp.stack([jnp.stack(row, axis=1) for row in rows], axis=1)
+    place = (jnp.arange(3, dtype=longest.dtype)[None] - longest[:, None]) % 3
+    return jnp.take_along_axis(from_longest, place[:, None, :], axis=2)
+
+
+def least_thickness(dtype: DTypeLike) -> float:
+    """Height over longest side below which a face is mollified: ε^⅓, 6e-6 in float64 and 0.005 in float32. Dimensionless.
+
+    Stiffness and inverse mass that grow as 1 / thickness then leave the small eigenvalues ε^⅓ of their typical size.
+    """
+    return float(np.finfo(dtype).eps) ** (1 / 3)
+
+
+def thin_faces(lengths: Float[Array, " E"], topology: Topology) -> Bool[Array, " F"]:
+    """Which faces `regge` mollifies."""
+    return face_thicknesses(lengths, topology) < least_thickness(lengths.dtype)
+
+
+def face_thicknesses(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
+    """Height over the longest side, relative to it. Dimensionless."""
+    sides = lengths[topology.face_edges]
+    return 2 * triangle_areas(*sides.T) / sides.max(axis=1) ** 2
+
+
+def _mollified(thickness: Float[Array, " F"]) -> Float[Array, " F"]:
+    """Lifted smoothly to at least half of `least_thickness`; the same from there on."""
+    least = least_thickness(thickness.dtype)
+    return jnp.where(thickness < least, (thickness * thickness + least * least) / (2 * least), thickness)
 
 
 def energy_density(
     vectors: Float[Array, "V 2"], lengths: Float[Array, " E"], topology: Topology
 ) -> Float[Array, " F"]:
     """‖KU‖² in each face, pointwise. Unit: (vector / length)²."""
-    sides = squared_length_rates(vectors, lengths, topology)[topology.face_edges]
-    products = _tensor_products(lengths, face_areas(lengths, topology), topology)
-    return jnp.einsum("fs,fst,ft->f", sides, products, sides)
+    operator = _killing_operator(lengths, edge_directions(lengths, topology), topology)
+    return (operator.root(vectors.reshape(-1, 1)) ** 2).sum(axis=(1, 2)) / face_areas(lengths, topology)
 
 
 class KillingOperator(lx.AbstractLinearOperator):
-    """A with xᵀAx = Σ_f area_f hᵀ⟨S, S⟩h, kept in its factors: x → rates of the edges → tensors of the faces and back.
+    """A with xᵀAx = Σ_f |strain of f|², kept in its factors: x → rates of the edges → strains of the faces and back.
 
     The factors are what derivatives flow through, at a quarter of the cost of going through the assembled matrix, and
     they give the small energies of nearly symmetric fields without cancellation.
     """
 
     rate_coefficients: Float[Array, "E 2 2"]
-    """∂h_e/∂U at tail and head of each edge."""
-    side_products: Float[Array, "F 3 3"]
-    """area × ⟨S_e, S_e'⟩ of the sides of each face."""
+    """∂ℓ̇_e/∂U at tail and head of each edge: ∓ its unit tangent there."""
+    strain_factors: Float[Array, "F 3 3"]
+    """Strains of each face, × √area, in an orthonormal frame, by the rates ℓ̇ of its sides."""
     topology: Topology
 
     def mv(self, vector: Float[Array, " n"]) -> Float[Array, " n"]:
@@ -114,13 +145,26 @@ class KillingOperator(lx.AbstractLinearOperator):
 
     def energies(self, block: Float[Array, "n k"]) -> Float[Array, " k"]:
         """xᵀAx of each column, without the product: derivatives cost half."""
-        rates = self._side_rates(block)
-        return jnp.einsum("fsk,fst,ftk->k", rates, self.side_products, rates)
+        return (self.root(block) ** 2).sum(axis=(0, 1))
 
     def root(self, block: Float[Array, "n k"]) -> Float[Array, "F 3 k"]:
         """R x with A = RᵀR: the strains of each face."""
-        factor = jnp.linalg.cholesky(self.side_products)
-        return jnp.einsum("fst,fsk->ftk", factor, self._side_rates(block))
+        return jnp.einsum("fts,fsk->ftk", self.strain_factors, self._side_rates(block))
+
+    def corner_strains(self) -> Float[Array, "F 3 3 2"]:
+        """Strains of each face by the vector at each of its corners: rows of R.
+
+        Cancellation among the sides of a thin face happens here, before anything is squared.
+        """
+        rates = self.rate_coefficients[self.topology.face_edges]
+        along = (self.topology.face_edge_signs > 0)[..., None]
+        starts = jnp.where(along, rates[:, :, 0], rates[:, :, 1])
+        ends = jnp.where(along, rates[:, :, 1], rates[:, :, 0])
+        corners = []
+        for c in range(3):  # the start of side c and the end of side c − 1
+            start = self.strain_factors[:, :, c, None] * starts[:, None, c]
+            corners.append(start + self.strain_factors[:, :, c - 1, None] * ends[:, None, c - 1])
+        return jnp.stack(corners, axis=2)
 
     def _side_rates(self, block: Float[Array, "n k"]) -> Float[Array, "F 3 k"]:
         vectors = block.reshape(self.topology.n_vertices, 2, -1)
@@ -146,7 +190,7 @@ declare_leaf(KillingOperator, positive_semidefinite=True)
 @matmat.register
 def _(operator: KillingOperator, block: Float[Array, "n k"]) -> Float[Array, "n k"]:
     topology = operator.topology
-    sides = jnp.einsum("fst,ftk->fsk", operator.side_products, operator._side_rates(block))
+    sides = jnp.einsum("fts,ftk->fsk", operator.strain_factors, operator.root(block))
     at_edges = _sum_over(topology.face_edges, sides, topology.n_edges)
     at_ends = operator.rate_coefficients[..., None] * at_edges[:, None, None, :]
     return _sum_over(topology.edges, at_ends, topology.n_vertices).reshape(block.shape)
@@ -160,25 +204,14 @@ def _(operator: KillingOperator) -> sp.csr_array:
 @assembled.register
 @jax.jit
 def _(operator: KillingOperator) -> SymmetricBlockOperator:
-    topology, products = operator.topology, operator.side_products
-    starts, ends = [], []  # ∂h/∂U of each side of a face, at the corner where it starts and where it ends
-    for side in range(3):
-        rates = operator.rate_coefficients[topology.face_edges[:, side]]
-        along = (topology.face_edge_signs[:, side] > 0)[:, None]
-        starts.append(jnp.where(along, rates[:, 0], rates[:, 1]))
-        ends.append(jnp.where(along, rates[:, 1], rates[:, 0]))
+    topology, strains = operator.topology, operator.corner_strains()
 
     def block(a: int, b: int) -> Float[Array, "F 2 2"]:
-        """Rows of corner a, columns of corner b: corner c is the start of side c and the end of side c − 1."""
-
-        def row(side: int) -> Float[Array, "F 1 2"]:
-            at_b = products[:, side, b, None] * starts[b] + products[:, side, b - 1, None] * ends[b - 1]
-            return at_b[:, None, :]
-
-        return starts[a][:, :, None] * row(a) + ends[a - 1][:, :, None] * row(a - 1)
+        """Rows of corner a, columns of corner b."""
+        return (strains[:, :, a, :, None] * strains[:, :, b, None, :]).sum(axis=1)
 
     # One corner and one side at a time: all at once take three times the memory.
-    dtype = products.dtype
+    dtype = strains.dtype
     diagonal = jnp.zeros((topology.n_vertices, 2, 2), dtype)
     upper = jnp.zeros((topology.n_edges, 2, 2), dtype)
     for c in range(3):
@@ -195,21 +228,35 @@ def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlo
 
     The blend cancels the leading dispersion error of either. Diagonally dominant, hence positive definite.
     """
-    return _mass(face_areas(lengths, topology), edge_directions(lengths, topology), topology)
+    return _mass(mass_areas(lengths, topology), edge_directions(lengths, topology), topology)
+
+
+def mass_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
+    """Areas of the faces, mollified: what they weigh. Unit: length²."""
+    longest = lengths[topology.face_edges].max(axis=1)
+    return 0.5 * longest**2 * _mollified(face_thicknesses(lengths, topology))
+
+
+CORNER_SHARE, SIDE_SHARE = 1 / 4, 1 / 24
+"""Of a face's area in the mass: at each corner, and between the ends of each side."""
 
 
 def _mass(
     areas: Float[Array, " F"], directions: Float[Array, "E 2 2"], topology: Topology
 ) -> SymmetricBlockOperator:
     around = jnp.broadcast_to(areas[:, None], (topology.n_faces, 3))
-    vertex = _sum_over(topology.faces, around, topology.n_vertices) / 4
-    edge = _sum_over(topology.face_edges, around, topology.n_edges) / 24
-    head_to_tail = rotations_between(directions[:, 1], directions[:, 0])
+    vertex = CORNER_SHARE * _sum_over(topology.faces, around, topology.n_vertices)
+    edge = SIDE_SHARE * _sum_over(topology.face_edges, around, topology.n_edges)
     return SymmetricBlockOperator(
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
-        upper=edge[:, None, None] * head_to_tail,
+        upper=edge[:, None, None] * head_to_tail(directions),
         graph=_graph(topology),
     )
+
+
+def head_to_tail(directions: Float[Array, "E 2 2"]) -> Float[Array, "E 2 2"]:
+    """Parallel transport along each edge, backwards, from the edge's directions at tail and head."""
+    return rotations_between(directions[:, 1], directions[:, 0])
 
 
 def _graph(topology: Topology) -> Graph:

@@ -33,21 +33,21 @@ def delaunay_flips(
     """Flips edges until cot α + cot β ≥ −tolerance for the angles opposite each inner edge.
 
     Each round flips an independent set: the edges that violate this most in both their faces. Boundary edges, edges with
-    one face on both sides, and edges whose flip rounding would not improve (or whose faces have NaN areas) stay.
+    one face on both sides, and edges whose flip rounding would not improve (or whose faces have NaN areas) stay. So does an
+    edge that leaves a vertex with fewer than three others (loops do not count): on so few, a vector there is not determined
+    by its components along them, and what is measured along edges would not see it.
     """
     surface = _Surface(topology, lengths)
     waiting = np.flatnonzero((topology.edge_halfedges >= 0).all(axis=1))
     waiting, violations = surface.violating(waiting, tolerance)
-    if not waiting.size:
-        nothing = np.empty(0, np.int64)
-        unturned = np.zeros(len(topology.spoke_starts) - 1)
-        return DelaunayFlips(topology, unturned, np.empty((0, 5), np.int32), nothing, complete=True)
-
-    surface.place_signposts(topology)
+    if waiting.size:
+        surface.place_signposts(topology)
     level_of_face = np.zeros(len(topology.faces), np.int64)
     diamonds, levels, flipped = [], [], 0
     while waiting.size and flipped <= most:
         now = surface.independent(waiting, violations)
+        if not now.any():
+            break
         chosen = waiting[now]
         left, right = surface.halfedges[chosen].T // 3
         level = np.maximum(level_of_face[left], level_of_face[right])
@@ -59,6 +59,10 @@ def delaunay_flips(
         around = diamond[:, 1:].ravel()
         around = around[(surface.halfedges[around] >= 0).all(axis=1)]
         waiting, violations = surface.violating(np.union1d(waiting[~now], around), tolerance)
+    if not levels:
+        nothing = np.empty(0, np.int64)
+        unturned = np.zeros(len(topology.spoke_starts) - 1)
+        return DelaunayFlips(topology, unturned, np.empty((0, 5), np.int32), nothing, complete=True)
     levels = np.concatenate(levels)
     order = np.argsort(levels, kind="stable")
     after = surface.assembled(len(topology.spoke_starts) - 1)
@@ -67,8 +71,11 @@ def delaunay_flips(
         frame_rotations=surface.first_spoke_angles(after),
         diamonds=np.concatenate(diamonds)[order],
         levels=levels[order],
-        complete=not waiting.size,
+        complete=flipped <= most,
     )
+
+
+_FEWEST_SPOKES = 3
 
 
 class _Surface:
@@ -81,6 +88,9 @@ class _Surface:
         self.halfedges = topology.edge_halfedges.copy()
         self.lengths = np.array(lengths, np.float64)
         self.cone_scales, self.end_angles = np.empty(0), np.empty((0, 2))
+        tails, heads = topology.edges.T
+        self.on_boundary = topology.spoke_corners[topology.spoke_starts[1:] - 1] < 0
+        self.spokes = np.bincount(topology.edges[tails != heads].ravel(), minlength=len(self.on_boundary))
 
     def place_signposts(self, topology: TopologyArrays) -> None:
         """Before the first flip: the angle of each edge at its ends, kept up to date from then on."""
@@ -111,14 +121,28 @@ class _Surface:
     def independent(
         self, edges: Int[np.ndarray, " v"], violations: Float[np.ndarray, " v"]
     ) -> Bool[np.ndarray, " v"]:
-        """The edges that violate most in both their faces: no two share a face."""
+        """The edges that violate most in both their faces and at each end that can spare but one: no two share a face."""
+        ends = self._ends(edges)
+        spare = np.where(self.on_boundary, len(self.lengths), self.spokes - _FEWEST_SPOKES)
+        may = ((spare[ends] > 0) | (ends[:, 0] == ends[:, 1])[:, None]).all(axis=1)
         rank = np.empty(len(edges), np.int64)
-        rank[np.lexsort((edges, violations))] = np.arange(len(edges))
+        rank[np.lexsort((edges, violations, may))] = np.arange(len(edges))
         left, right = self.halfedges[edges].T // 3
         best = np.full(len(self.faces), -1, np.int64)
-        np.maximum.at(best, left, rank)
-        np.maximum.at(best, right, rank)
-        return (best[left] == rank) & (best[right] == rank)
+        np.maximum.at(best, left[may], rank[may])
+        np.maximum.at(best, right[may], rank[may])
+        chosen = may & (best[left] == rank) & (best[right] == rank)
+        losses = np.bincount(ends[chosen & (ends[:, 0] != ends[:, 1])].ravel(), minlength=len(spare))
+        scarce = losses > spare
+        at_vertex = np.full(len(spare), -1, np.int64)
+        for end in ends[chosen].T:
+            np.maximum.at(at_vertex, end, rank[chosen])
+        return chosen & (~scarce[ends] | (at_vertex[ends] == rank[:, None])).all(axis=1)
+
+    def _ends(self, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, "n 2"]:
+        """Tail and head of inner edges."""
+        along, against = self.halfedges[edges].T
+        return np.stack([self.faces.ravel()[along], self.faces.ravel()[against]], axis=1)
 
     def flip(self, edges: Int[np.ndarray, " n"]) -> Int[np.ndarray, "n 5"]:
         """Flips `edges`, no two of which share a face; returns their diamonds.
@@ -139,6 +163,10 @@ class _Surface:
         base, length_ik, length_jk, length_il, length_jl = self.lengths[diamond].T
         diagonal = _flipped_lengths(base, length_ik, length_jk, length_il, length_jl)
         self.lengths[edges] = diagonal
+        for ends, change in (((i, j), -1), ((k, l), 1)):
+            apart = ends[0] != ends[1]
+            for vertex in ends:
+                np.add.at(self.spokes, vertex[apart], change)
         self.faces[f] = np.stack([k, i, l], axis=1)
         self.faces[g] = np.stack([l, j, k], axis=1)
         self.sides[f] = np.stack([side[0], side[1], edges], axis=1)
@@ -178,12 +206,15 @@ def _next(halfedge: np.ndarray) -> np.ndarray:
 
 
 def _areas(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Area of triangles by Kahan's formula; NaN where the triangle inequality is broken."""
+    """Area of triangles as `geometry.triangle_areas` has it: Kahan's formula, NaN for broken triangle inequalities."""
     a, b = np.maximum(a, b), np.minimum(a, b)
     b, c = np.maximum(b, c), np.minimum(b, c)
     a, b = np.maximum(a, b), np.minimum(a, b)
+    rounding = np.finfo(np.float64).eps * a
+    excess = c - (a - b)
+    excess = np.where((excess < 2 * rounding) & (excess > -4 * rounding), 2 * rounding, excess)
     with np.errstate(invalid="ignore"):
-        return 0.25 * np.sqrt((a + (b + c)) * (c - (a - b)) * (c + (a - b)) * (a + (b - c)))
+        return 0.25 * np.sqrt((a + (b + c)) * (a + (b - c))) * np.sqrt((c + (a - b)) * excess)
 
 
 def _twice_dot(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
