@@ -5,7 +5,8 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from .arguments import Integer, check_shape, checked_integer
 from .eigen import (
@@ -17,10 +18,11 @@ from .eigen import (
     eigsolve,
     spectral_sum,
 )
-from .geometry import barycentric_vertex_areas, edge_lengths, embed, surface_area, vertex_frames
+from .geometry import barycentric_vertex_areas, edge_lengths, embed, length_unit, surface_area, vertex_frames
 from .killing import AbstractDiscretization, discretization_named, vector_mass
 from .mesh import Topology, TriangleMesh, check_fits, name_first
 from .solvers import chosen_solver, working_memory
+from .trust import trusted
 
 EXACT = 1e-3
 """λ · area below which a symmetry counts as exact up to discretization. Dimensionless."""
@@ -41,6 +43,11 @@ class KillingFields(eqx.Module):
     """Number of the cluster of (nearly) equal eigenvalues each belongs to: equal numbers, equal eigenvalues."""
     area: Float[Array, ""]
     """Surface area. Unit: length²."""
+    trusted: Bool[Array, " k"]
+    """Whether the mesh is fine enough for what was found: False where a small λ · area would not stay small on a finer mesh.
+
+    Such a field is not the sign of a symmetry: the mesh is too coarse to tell (see `jaxkvf.trust`).
+    """
     result: RESULTS
     stats: dict[str, Array | int | float]
     """Counts of work done, by name; what is counted depends on the solver."""
@@ -100,19 +107,28 @@ def killing_fields(
         vectors = jnp.zeros((k, *mesh.vertices.shape), found.vectors.dtype).at[:, origins].set(found.vectors)
         return eqx.tree_at(lambda f: f.vectors, found, vectors)
     chosen = discretization_named(discretization)
-    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    # On the surface scaled to edges of about 1: solvers then meet the same numbers at any scale.
+    unit = length_unit(edge_lengths(mesh.vertices, mesh.topology))
+    scaled = mesh.with_vertices(mesh.vertices / unit)
+    lengths = edge_lengths(scaled.vertices, mesh.topology)
     problem, solver, reason = _posed(chosen, lengths, mesh.topology, k, solver)
+<<<<<<< HEAD
     start = _starting_vectors(guess, problem)
     solution = eigsolve(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
     coefficients = solution.eigenvectors.T
     vectors, area = _unit_vectors(chosen, mesh, coefficients)
+=======
+    solution = eigsolve(problem, k, solver, degenerate=degenerate, throw=throw)
+    vectors, coefficients, area = _unit_vectors(chosen, scaled, solution.eigenvectors.T, unit)
+>>>>>>> 4853b91 (Fields are judged: a zero that a finer mesh of the same surface does not have is not trusted; fields at any scale)
     return KillingFields(
-        eigenvalues=solution.eigenvalues,
+        eigenvalues=solution.eigenvalues / unit**2,
         vectors=vectors,
         coefficients=coefficients,
         residuals=solution.residuals,
         clusters=cluster_labels(solution.eigenvalues, atol=EXACT / area),
-        area=area,
+        area=area * unit**2,
+        trusted=jnp.asarray(trusted(chosen, lengths, mesh.topology, solution.eigenvalues)),
         result=solution.result,
         stats=solution.stats,
         solver=reason,
@@ -193,6 +209,7 @@ def intrinsic_killing_eigenvalues(
     """
     check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
     chosen = discretization_named(discretization)
+<<<<<<< HEAD
     problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
     start = _starting_vectors(guess, problem)
     return eigenvalues(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
@@ -210,6 +227,11 @@ def _starting_vectors(
             "with the same connectivity, in the same discretization"
         )
     return jax.lax.stop_gradient(coefficients).T
+=======
+    unit = length_unit(lengths)
+    problem, solver, _ = _posed(chosen, lengths / unit, topology, k, solver)
+    return eigenvalues(problem, k, solver, degenerate=degenerate, throw=throw) / unit**2
+>>>>>>> 4853b91 (Fields are judged: a zero that a finer mesh of the same surface does not have is not trusted; fields at any scale)
 
 
 def _check_unpinched(origins: Int[np.ndarray, " n"]) -> None:
@@ -265,15 +287,26 @@ def _assemble(
 
 @eqx.filter_jit
 def _unit_vectors(
-    discretization: AbstractDiscretization, mesh: TriangleMesh, coefficients: Float[Array, "k n"]
-) -> tuple[Float[Array, "k V 3"], Float[Array, ""]]:
-    """The fields in R³, each scaled to ∫|U|² = 1, and the surface area."""
-    lengths = edge_lengths(mesh.vertices, mesh.topology)
-    mass = vector_mass(lengths, mesh.topology)
+    discretization: AbstractDiscretization,
+    mesh: TriangleMesh,
+    coefficients: Float[Array, "k n"],
+    unit: Float[Array, ""],
+) -> tuple[Float[Array, "k V 3"], Float[Array, "k n"], Float[Array, ""]]:
+    """Fields in R³, each scaled to ∫|U|² = 1, and coefficients, both on the mesh times `unit`; the area of the mesh."""
+    topology = mesh.topology
+    lengths = edge_lengths(mesh.vertices, topology)
+    mass = vector_mass(lengths, topology)
+
+    def vectors_of(coefficients: Float[Array, " n"]) -> Float[Array, "V 2"]:
+        return discretization.to_vertex_vectors(coefficients, lengths, topology)
 
     def unit_field(coefficients: Float[Array, " n"]) -> Float[Array, "V 2"]:
-        vectors = discretization.to_vertex_vectors(coefficients, lengths, mesh.topology)
-        return vectors / jnp.sqrt(vectors.ravel() @ mass.mv(vectors.ravel()))
+        vectors = vectors_of(coefficients)
+        return vectors / (unit * jnp.sqrt(vectors.ravel() @ mass.mv(vectors.ravel())))
 
-    vectors = embed(jax.vmap(unit_field)(coefficients), vertex_frames(mesh.vertices, mesh.topology))
-    return vectors, surface_area(lengths, mesh.topology)
+    # What coefficients stand for, vectors or vectors times a length, shows in how they scale.
+    held = jax.lax.stop_gradient(coefficients[0])
+    scaled = discretization.to_vertex_vectors(held, jax.lax.stop_gradient(unit * lengths), topology)
+    change = jax.lax.stop_gradient(jnp.abs(vectors_of(held)).max()) / jnp.abs(scaled).max()
+    vectors = embed(jax.vmap(unit_field)(coefficients), vertex_frames(mesh.vertices, topology))
+    return vectors, coefficients * (change / unit), surface_area(lengths, topology)

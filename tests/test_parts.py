@@ -16,7 +16,6 @@ from jaxkvf import (
 )
 from jaxkvf.geometry import edge_lengths, intrinsic_delaunay, surface_area
 from jaxkvf.killing import Pieces, Regge
-from jaxkvf.parts._lowest import lowest
 from jaxkvf.sparse import to_scipy
 
 
@@ -92,13 +91,13 @@ def test_a_piece_has_the_matrices_of_regge():
     """The whole of a closed surface is its `regge` on the intrinsic Delaunay triangulation; a flat piece has a symmetry."""
     mesh = shapes.random_sphere(200, seed=4, radii=(1.0, 1.5, 2.0))
     found = intrinsic_delaunay(mesh)
-    whole = lowest(Pieces(found.lengths, found.topology), np.arange(mesh.topology.n_faces))
+    whole = Pieces(found.lengths, found.topology).smallest(np.arange(mesh.topology.n_faces), 1)[0]
     area = surface_area(found.lengths, found.topology)
     expected = killing_eigenvalues(mesh, 1, discretization="regge-delaunay", solver=DenseEigh())[0] * area
     np.testing.assert_allclose(whole, expected, rtol=1e-7)
     disk = shapes.disk(6)
     piece = Pieces(edge_lengths(disk.vertices, disk.topology), disk.topology)
-    assert abs(lowest(piece, np.arange(100))) < 1e-10
+    assert np.abs(piece.smallest(np.arange(100), 3)).max() < 1e-10
 
 
 def test_the_matrices_of_all_faces_are_those_of_regge():
@@ -162,12 +161,12 @@ def test_local_symmetry_tells_a_smooth_end_from_a_bumpy_one():
 
 def test_wrong_arguments_are_refused():
     mesh = shapes.icosphere(1)
-    for bad in (
-        lambda: local_symmetry(mesh, 0.0),
-        lambda: local_symmetry(mesh, 1.0, samples=0),
-        lambda: symmetric_parts(mesh, -1.0),
+    for bad, message in (
+        (lambda: local_symmetry(mesh, 0.0), "radius must be positive"),
+        (lambda: local_symmetry(mesh, 1.0, samples=0), "samples must be an integer of at least 1"),
+        (lambda: symmetric_parts(mesh, -1.0), "tolerance must be positive"),
     ):
-        with pytest.raises(ValueError, match="must be positive"):
+        with pytest.raises(ValueError, match=message):
             bad()
 
 

@@ -22,8 +22,10 @@ from ._metric import corner_angles as corner_angles
 from ._metric import corner_cotangents as corner_cotangents
 from ._metric import edge_lengths as edge_lengths
 from ._metric import face_areas as face_areas
+from ._metric import length_unit as length_unit
 from ._metric import mean_edge_length as mean_edge_length
 from ._metric import surface_area as surface_area
+from ._metric import triangle_areas as triangle_areas
 from ._rigid_motion import RigidMotion as RigidMotion
 from ._rigid_motion import closest_rigid_motion as closest_rigid_motion
 from ._sampling import Samples as Samples
@@ -32,7 +34,7 @@ from ._surface_points import SurfacePoints as SurfacePoints
 from ._surface_points import closest_points as closest_points
 from ._surface_points import surface_positions as surface_positions
 from ._surface_points import vertex_points as vertex_points
-from ._metric import triangle_areas as triangle_areas
+from ._subdivision import subdivided as subdivided
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations

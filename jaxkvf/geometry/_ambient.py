@@ -12,8 +12,7 @@ from ._tangent import spoke_angles, unit_vectors
 @jax.jit
 def face_normals(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "F 3"]:
     """Unit normal of each face, outward for counter-clockwise faces."""
-    normal = _face_area_vectors(vertices, topology)
-    return normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
+    return _unit(_face_area_vectors(vertices, topology))
 
 
 @jax.jit
@@ -22,7 +21,7 @@ def vertex_normals(vertices: Float[Array, "V 3"], topology: Topology) -> Float[A
     normal = _face_area_vectors(vertices, topology)
     at_corners = jnp.broadcast_to(normal[:, None, :], (topology.n_faces, 3, 3)).reshape(-1, 3)
     total = jax.ops.segment_sum(at_corners, topology.faces.ravel(), num_segments=topology.n_vertices)
-    return total / jnp.linalg.norm(total, axis=1, keepdims=True)
+    return _unit(total)
 
 
 @jax.jit
@@ -31,6 +30,12 @@ def normal_displacements(
 ) -> Float[Array, " V"]:
     """How far each vertex moved along its outward normal before. Unit: length, negative inward."""
     return ((after - before) * vertex_normals(before, topology)).sum(axis=1)
+
+
+def _unit(vectors: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """Scaled to unit length; squares are taken of components of about 1, since those of areas may leave the range."""
+    vectors = vectors / jax.lax.stop_gradient(jnp.abs(vectors).max(axis=1, keepdims=True))
+    return vectors / jnp.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def _face_area_vectors(vertices: Float[Array, "V 3"], topology: Topology) -> Float[Array, "F 3"]:

@@ -20,6 +20,17 @@ def mean_edge_length(lengths: Float[Array, " E"]) -> Float[Array, ""]:
     return lengths.mean()
 
 
+@jax.jit
+def length_unit(lengths: Float[Array, " E"]) -> Float[Array, ""]:
+    """The power of two next to the mean length, constant to derivatives. Unit: length.
+
+    Dividing by it is exact, and what is made of the quotients does not leave the range of numbers.
+    """
+    mean = mean_edge_length(jax.lax.stop_gradient(lengths))
+    _, exponent = jnp.frexp(mean)
+    return jnp.where(jnp.isfinite(mean), jnp.ldexp(jnp.ones_like(mean), exponent), mean)
+
+
 def _sorted_three(a: Array, b: Array, c: Array) -> tuple[Array, Array, Array]:
     """The three values in descending order by a sorting network.
 

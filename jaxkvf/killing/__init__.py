@@ -8,6 +8,5 @@ from ._energy import killing_energy_density as killing_energy_density
 from ._hierarchy import vector_hierarchy as vector_hierarchy
 from ._on_delaunay import OnIntrinsicDelaunay as OnIntrinsicDelaunay
 from ._pieces import Pieces as Pieces
-from ._regge import KillingOperator as KillingOperator
 from ._regge import Regge as Regge
 from ._regge import vector_mass as vector_mass

@@ -1,4 +1,4 @@
-"""`regge` on pieces of a surface: sets of faces with free boundary.
+"""`regge` on pieces of a surface: sets of faces with free boundary. On the host.
 
 Energy and norm are sums over faces, so the matrices of a piece are the sums over its own, in the frames of the whole
 surface: cone angles at the rim of a piece stay rescaled as they are inside it.
@@ -9,12 +9,17 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.linalg
 import scipy.sparse as sp
 from jaxtyping import Array, Float, Int
+from scipy.sparse.linalg import LinearOperator, eigsh
 
-from ..geometry import edge_directions
-from ..mesh import Topology
-from ._regge import CORNER_SHARE, SIDE_SHARE, KillingOperator, Regge, head_to_tail, mass_areas
+from ..eigen import default_factorization
+from ..mesh import Topology, TopologyArrays, polar_angles
+from ._regge import CORNER_SHARE, SIDE_SHARE, corner_strains, mass_areas, strain_factors
+
+_DENSE_BELOW = 300  # unknowns
+_CHUNK = 1 << 11  # faces that one program handles, whatever the mesh: nothing is compiled anew for each
 
 
 class PieceMatrices(NamedTuple):
@@ -27,17 +32,33 @@ class PieceMatrices(NamedTuple):
 
 
 class Pieces:
-    """Restricts `regge` to sets of faces: everything is computed once, and summed up for each piece. On the host."""
+    """Restricts `regge` to sets of faces: what belongs to a face is computed once, and summed up for each piece."""
 
     def __init__(self, lengths: Float[Array, " E"], topology: Topology) -> None:
-        parts = (topology.faces, mass_areas(lengths, topology), *_at_corners(lengths, topology))
-        self._faces, self.areas, self._strains, self._transports = (np.asarray(part) for part in parts)
+        arrays = TopologyArrays(*(np.asarray(getattr(topology, name)) for name in TopologyArrays._fields))
+        scale, angles = polar_angles(arrays, np.asarray(lengths, np.float64))
+        angles = scale[arrays.edges] * angles
+        directions = np.stack([np.cos(angles), np.sin(angles)], axis=-1) * np.array([1.0, -1.0])[:, None]
+        along = arrays.face_edge_signs > 0
+        first, last = (
+            directions[arrays.face_edges, np.where(along, end, 1 - end)] for end in (0, 1)
+        )  # along the edge
+        sign = np.where(along, 1.0, -1.0)[..., None]
+        self._faces = arrays.faces
+        self._strains, self.areas = _in_chunks(
+            np.asarray(lengths)[arrays.face_edges], -sign * first, sign * last
+        )
+        dot, cross = (
+            (first * last).sum(axis=-1),
+            (last[..., 0] * first[..., 1] - last[..., 1] * first[..., 0]),
+        )
+        self._transports = np.stack([np.stack([dot, -cross], -1), np.stack([cross, dot], -1)], -2)
 
     def matrices(self, faces: Int[np.ndarray, " n"]) -> PieceMatrices:
         """A and B of the piece made of these faces."""
         used, local = np.unique(self._faces[faces], return_inverse=True)
         unknowns = (2 * local.reshape(-1, 3, 1) + np.arange(2)).reshape(-1, 6)
-        strains = self._strains[faces].astype(np.float64)
+        strains = self._strains[faces]
         rows = np.broadcast_to(
             3 * np.arange(len(faces))[:, None, None] + np.arange(3)[:, None], strains.shape
         )
@@ -50,7 +71,7 @@ class Pieces:
     def _mass(
         self, faces: Int[np.ndarray, " n"], unknowns: Int[np.ndarray, "n 6"], size: int
     ) -> sp.csr_array:
-        areas = self.areas[faces].astype(np.float64)
+        areas = self.areas[faces]
         at_start = unknowns.reshape(-1, 3, 2)
         at_end = np.roll(at_start, -1, axis=1)
         diagonal = np.bincount(unknowns.ravel(), np.repeat(CORNER_SHARE * areas, 6), size)
@@ -60,15 +81,41 @@ class Pieces:
         upper = sp.csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=(size, size))
         return sp.csr_array(upper + upper.T + sp.diags_array(diagonal))
 
+    def smallest(self, faces: Int[np.ndarray, " n"], k: int) -> Float[np.ndarray, " k"]:
+        """The k smallest λ · area of the piece made of these faces. Dimensionless."""
+        A, B, vertices = self.matrices(faces)
+        area, size = float(self.areas[faces].sum()), 2 * len(vertices)
+        if size <= max(_DENSE_BELOW, k):
+            values = scipy.linalg.eigh(
+                A.toarray(), B.toarray(), eigvals_only=True, subset_by_index=[0, k - 1]
+            )
+            return values * area
+        solve = default_factorization().factorize(sp.csc_array(A + B / area))
+        assert solve is not None  # A is positive semi-definite, B positive definite
+        inverse = LinearOperator((size, size), matvec=solve, dtype=np.float64)  # pyright: ignore[reportCallIssue]
+        start = np.random.default_rng(0).standard_normal(size)
+        values = eigsh(A, k, M=B, sigma=-1 / area, OPinv=inverse, v0=start, return_eigenvectors=False)
+        return np.sort(values) * area
+
+
+def _in_chunks(
+    sides: Float[np.ndarray, "F 3"], starts: Float[np.ndarray, "F 3 2"], ends: Float[np.ndarray, "F 3 2"]
+) -> tuple[Float[np.ndarray, "F 3 6"], Float[np.ndarray, " F"]]:
+    """Strains of each face by the vectors at its corners, and its mass."""
+    padded = [
+        np.pad(part, [(0, -len(part) % _CHUNK)] + [(0, 0)] * (part.ndim - 1), mode="edge")
+        for part in (sides, starts.astype(sides.dtype), ends.astype(sides.dtype))
+    ]
+    chunks = zip(*(part.reshape(-1, _CHUNK, *part.shape[1:]) for part in padded), strict=True)
+    found = [_of_faces(*(jnp.asarray(part) for part in chunk)) for chunk in chunks]
+    strains, areas = (
+        np.concatenate([np.asarray(part, np.float64) for part in parts]) for parts in zip(*found, strict=True)
+    )
+    return strains[: len(sides)], areas[: len(sides)]
+
 
 @jax.jit
-def _at_corners(
-    lengths: Float[Array, " E"], topology: Topology
-) -> tuple[Float[Array, "F 3 6"], Float[Array, "F 3 2 2"]]:
-    """Strains of each face by the vectors at its corners, and transport backwards along each of its sides."""
-    operator = Regge().eigenproblem(lengths, topology).A
-    assert isinstance(operator, KillingOperator)
-    strains = operator.corner_strains().reshape(-1, 3, 6)
-    backwards = head_to_tail(edge_directions(lengths, topology))[topology.face_edges]
-    along = (topology.face_edge_signs > 0)[..., None, None]
-    return strains, jnp.where(along, backwards, backwards.mT)
+def _of_faces(
+    sides: Float[Array, "n 3"], starts: Float[Array, "n 3 2"], ends: Float[Array, "n 3 2"]
+) -> tuple[Float[Array, "n 3 6"], Float[Array, " n"]]:
+    return corner_strains(strain_factors(sides), starts, ends).reshape(-1, 3, 6), mass_areas(sides)

@@ -34,7 +34,7 @@ class Regge(AbstractDiscretization):
         directions = edge_directions(lengths, topology)
         return GeneralizedEigenproblem(
             _killing_operator(lengths, directions, topology),
-            _mass(mass_areas(lengths, topology), directions, topology),
+            _mass(mass_areas(lengths[topology.face_edges]), directions, topology),
         )
 
     def to_vertex_vectors(
@@ -58,10 +58,10 @@ def _killing_operator(
     lengths: Float[Array, " E"], directions: Float[Array, "E 2 2"], topology: Topology
 ) -> "KillingOperator":
     signs = jnp.asarray([-1.0, 1.0], lengths.dtype)[None, :, None]
-    return KillingOperator(signs * directions, _strain_factors(lengths[topology.face_edges]), topology)
+    return KillingOperator(signs * directions, strain_factors(lengths[topology.face_edges]), topology)
 
 
-def _strain_factors(sides: Float[Array, "F 3"]) -> Float[Array, "F 3 3"]:
+def strain_factors(sides: Float[Array, "F 3"]) -> Float[Array, "F 3 3"]:
     """√area (KU_xx, √2 KU_xy, KU_yy) of each face as a function of the rates ℓ̇ of its sides, x along the longest.
 
     With the longest side a for unit, and the other two, b after it and c before it, meeting at height t over the fraction
@@ -94,6 +94,20 @@ def _strain_factors(sides: Float[Array, "F 3"]) -> Float[Array, "F 3 3"]:
     return jnp.take_along_axis(from_longest, place[:, None, :], axis=2)
 
 
+def corner_strains(
+    factors: Float[Array, "F 3 3"], starts: Float[Array, "F 3 2"], ends: Float[Array, "F 3 2"]
+) -> Float[Array, "F 3 3 2"]:
+    """Strains of each face by the vector at each of its corners, from the rates of sides by those where they start and end.
+
+    Cancellation among the sides of a thin face happens here, before anything is squared.
+    """
+    corners = []
+    for c in range(3):  # the start of side c and the end of side c − 1
+        start = factors[:, :, c, None] * starts[:, None, c]
+        corners.append(start + factors[:, :, c - 1, None] * ends[:, None, c - 1])
+    return jnp.stack(corners, axis=2)
+
+
 def least_thickness(dtype: DTypeLike) -> float:
     """Height over longest side below which a face is mollified: ε^⅓, 6e-6 in float64 and 0.005 in float32. Dimensionless.
 
@@ -104,12 +118,11 @@ def least_thickness(dtype: DTypeLike) -> float:
 
 def thin_faces(lengths: Float[Array, " E"], topology: Topology) -> Bool[Array, " F"]:
     """Which faces `regge` mollifies."""
-    return face_thicknesses(lengths, topology) < least_thickness(lengths.dtype)
+    return _thicknesses(lengths[topology.face_edges]) < least_thickness(lengths.dtype)
 
 
-def face_thicknesses(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
+def _thicknesses(sides: Float[Array, "F 3"]) -> Float[Array, " F"]:
     """Height over the longest side, relative to it. Dimensionless."""
-    sides = lengths[topology.face_edges]
     return 2 * triangle_areas(*sides.T) / sides.max(axis=1) ** 2
 
 
@@ -152,19 +165,12 @@ class KillingOperator(lx.AbstractLinearOperator):
         return jnp.einsum("fts,fsk->ftk", self.strain_factors, self._side_rates(block))
 
     def corner_strains(self) -> Float[Array, "F 3 3 2"]:
-        """Strains of each face by the vector at each of its corners: rows of R.
-
-        Cancellation among the sides of a thin face happens here, before anything is squared.
-        """
+        """Strains of each face by the vector at each of its corners: rows of R."""
         rates = self.rate_coefficients[self.topology.face_edges]
         along = (self.topology.face_edge_signs > 0)[..., None]
         starts = jnp.where(along, rates[:, :, 0], rates[:, :, 1])
         ends = jnp.where(along, rates[:, :, 1], rates[:, :, 0])
-        corners = []
-        for c in range(3):  # the start of side c and the end of side c − 1
-            start = self.strain_factors[:, :, c, None] * starts[:, None, c]
-            corners.append(start + self.strain_factors[:, :, c - 1, None] * ends[:, None, c - 1])
-        return jnp.stack(corners, axis=2)
+        return corner_strains(self.strain_factors, starts, ends)
 
     def _side_rates(self, block: Float[Array, "n k"]) -> Float[Array, "F 3 k"]:
         vectors = block.reshape(self.topology.n_vertices, 2, -1)
@@ -228,13 +234,12 @@ def vector_mass(lengths: Float[Array, " E"], topology: Topology) -> SymmetricBlo
 
     The blend cancels the leading dispersion error of either. Diagonally dominant, hence positive definite.
     """
-    return _mass(mass_areas(lengths, topology), edge_directions(lengths, topology), topology)
+    return _mass(mass_areas(lengths[topology.face_edges]), edge_directions(lengths, topology), topology)
 
 
-def mass_areas(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
-    """Areas of the faces, mollified: what they weigh. Unit: length²."""
-    longest = lengths[topology.face_edges].max(axis=1)
-    return 0.5 * longest**2 * _mollified(face_thicknesses(lengths, topology))
+def mass_areas(sides: Float[Array, "F 3"]) -> Float[Array, " F"]:
+    """Areas of faces with these sides, mollified: what they weigh. Unit: length²."""
+    return 0.5 * sides.max(axis=1) ** 2 * _mollified(_thicknesses(sides))
 
 
 CORNER_SHARE, SIDE_SHARE = 1 / 4, 1 / 24
@@ -249,14 +254,9 @@ def _mass(
     edge = SIDE_SHARE * _sum_over(topology.face_edges, around, topology.n_edges)
     return SymmetricBlockOperator(
         diagonal=vertex[:, None, None] * jnp.eye(2, dtype=areas.dtype)[None],
-        upper=edge[:, None, None] * head_to_tail(directions),
+        upper=edge[:, None, None] * rotations_between(directions[:, 1], directions[:, 0]),
         graph=_graph(topology),
     )
-
-
-def head_to_tail(directions: Float[Array, "E 2 2"]) -> Float[Array, "E 2 2"]:
-    """Parallel transport along each edge, backwards, from the edge's directions at tail and head."""
-    return rotations_between(directions[:, 1], directions[:, 0])
 
 
 def _graph(topology: Topology) -> Graph:

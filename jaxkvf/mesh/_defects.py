@@ -46,12 +46,12 @@ def flat_faces(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
 
 
 def beyond_range(vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> Int[np.ndarray, " n"]:
-    """Faces with a side whose fourth power, of which areas are made, overflows or underflows the dtype of `vertices`."""
+    """Faces with a side whose square, of which areas are made, overflows or underflows the dtype of `vertices`."""
     corner = vertices[faces].astype(np.float64)
     with np.errstate(over="ignore", under="ignore", divide="ignore"):
         side = np.abs(corner - np.roll(corner, 1, axis=1)).max(axis=2)
         magnitude = np.abs(np.log2(side))  # zero lengths are another matter
-    limit = np.finfo(vertices.dtype).maxexp / 4 - 4
+    limit = np.finfo(vertices.dtype).maxexp / 2 - 8
     return np.flatnonzero(((magnitude > limit) & (side > 0)).any(axis=1))
 
 

@@ -94,7 +94,7 @@ class _Surface:
 
     def place_signposts(self, topology: TopologyArrays) -> None:
         """Before the first flip: the angle of each edge at its ends, kept up to date from then on."""
-        self.cone_scales, self.end_angles = _polar_angles(topology, self.lengths)
+        self.cone_scales, self.end_angles = polar_angles(topology, self.lengths)
 
     def violating(
         self, edges: Int[np.ndarray, " m"], tolerance: float
@@ -249,7 +249,7 @@ def _flipped_lengths(
         return np.hypot(x, y)
 
 
-def _polar_angles(
+def polar_angles(
     topology: TopologyArrays, lengths: Float[np.ndarray, " E"]
 ) -> tuple[Float[np.ndarray, " V"], Float[np.ndarray, "E 2"]]:
     """2π / cone angle of each vertex (1 on the boundary), and the angle of each edge at its tail and head, not rescaled."""

@@ -65,6 +65,27 @@ class Topology(eqx.Module):
             n_vertices = int(array.max()) + 1 if array.size and np.issubdtype(array.dtype, np.integer) else 0
         return cls(*(jnp.asarray(part) for part in _build(checked_faces(array, n_vertices), n_vertices)))
 
+    @classmethod
+    def from_gluing(
+        cls,
+        faces: Int[np.ndarray, "F 3"],
+        halfedge_edges: Int[np.ndarray, " H"],
+        forward: Bool[np.ndarray, " H"],
+        n_vertices: int,
+    ) -> "Topology":
+        """Topology of triangles glued along numbered edges, of which several may join the same two vertices.
+
+        Args:
+            faces: corners of each face, counter-clockwise.
+            halfedge_edges: edge under each halfedge, numbered from 0 without gaps.
+            forward: whether each halfedge runs along its edge; the two halfedges of an inner edge differ.
+            n_vertices: number of vertices.
+
+        Raises:
+            MeshError: the faces around a vertex do not form one fan.
+        """
+        return cls(*(jnp.asarray(part) for part in assemble(faces, halfedge_edges, forward, n_vertices)))
+
     @property
     def n_vertices(self) -> int:
         return self.spoke_starts.shape[0] - 1
@@ -174,17 +195,7 @@ def assemble(
     forward: Bool[np.ndarray, " H"],
     n_vertices: int,
 ) -> TopologyArrays:
-    """The arrays of a `Topology` from the gluing of its triangles: several edges may join the same two vertices.
-
-    Args:
-        faces: corners of each face, counter-clockwise.
-        halfedge_edges: edge under each halfedge, numbered from 0 without gaps.
-        forward: whether each halfedge runs along its edge; the two halfedges of an inner edge differ.
-        n_vertices: number of vertices.
-
-    Raises:
-        MeshError: the faces around a vertex do not form one fan.
-    """
+    """The arrays of `Topology.from_gluing`."""
     tails = faces.ravel()
     heads = np.roll(faces, -1, axis=1).ravel()
     n_edges = int(halfedge_edges.max()) + 1

@@ -4,12 +4,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..arguments import checked_integer, checked_positive
 from ..geometry import intrinsic_delaunay
 from ..killing import Pieces
 from ..mesh import TriangleMesh
 from ._balls import Balls
-from ._checks import check_positive
-from ._lowest import lowest
 
 
 class LocalSymmetry(eqx.Module):
@@ -42,15 +41,16 @@ def local_symmetry(mesh: TriangleMesh, radius: float | int, *, samples: int = 64
     Raises:
         ValueError: a radius or number of samples that is not positive.
     """
-    check_positive("radius", radius)
-    check_positive("samples", samples)
+    radius, samples = checked_positive("radius", radius), checked_integer("samples", samples)
     surface = intrinsic_delaunay(mesh)
     pieces = Pieces(surface.lengths, surface.topology)
     balls = Balls(surface.lengths, surface.topology)
-    chosen, distances = balls.spread(min(int(samples), balls.n_vertices))
-    found = np.array(
-        [lowest(pieces, balls.faces_within(d <= radius, s)) for s, d in zip(chosen, distances, strict=True)]
-    )
+    chosen, distances = balls.spread(min(samples, balls.n_vertices))
+    found = np.full(len(chosen), np.inf)
+    for number, (centre, distance) in enumerate(zip(chosen, distances, strict=True)):
+        faces = balls.faces_within(distance <= radius, centre)
+        if faces.size:
+            found[number] = pieces.smallest(faces, 1)[0]
     weights = np.clip(1 - distances / radius, 0, None) ** 2 * np.isfinite(found)[:, None]
     total = weights.sum(axis=0)
     averaged = weights.T @ np.where(np.isfinite(found), found, 0.0) / np.where(total > 0, total, 1.0)

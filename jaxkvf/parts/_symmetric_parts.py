@@ -4,12 +4,11 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..arguments import checked_integer, checked_positive
 from ..geometry import intrinsic_delaunay
 from ..killing import Pieces
 from ..mesh import TriangleMesh
 from ._balls import Balls
-from ._checks import check_positive
-from ._lowest import lowest
 
 _GROWTH = 1.2  # of a ball's radius at a time
 _SMALLEST = 0.05  # area of a part, as a share of an equal one
@@ -43,18 +42,18 @@ def symmetric_parts(
     Raises:
         ValueError: a tolerance, `most` or `samples` that is not positive.
     """
-    for name, value in (("tolerance", tolerance), ("most", most), ("samples", samples)):
-        check_positive(name, value)
+    tolerance = checked_positive("tolerance", tolerance)
+    most, samples = checked_integer("most", most), checked_integer("samples", samples)
     surface = intrinsic_delaunay(mesh)
     pieces = Pieces(surface.lengths, surface.topology)
     balls = Balls(surface.lengths, surface.topology)
     parts = np.full(balls.n_vertices, -1)
     values, areas = [], []
     smallest = _SMALLEST * float(pieces.areas.sum()) / most
-    for number in range(int(most)):
+    for number in range(most):
         free = parts < 0
         best: _Part | None = None
-        centres, distances = balls.spread(min(int(samples), int(free.sum())), free)
+        centres, distances = balls.spread(min(samples, int(free.sum())), free)
         for centre, distance in zip(centres, distances, strict=True):
             grown = _grown(
                 pieces, balls, centre, distance, tolerance=tolerance, more_than=best[0] if best else smallest
@@ -90,7 +89,7 @@ def _grown(
         faces = balls.faces_within(distance <= radius, centre)
         area = float(pieces.areas[faces].sum())
         if area > more_than:
-            value = lowest(pieces, faces)
+            value = float(pieces.smallest(faces, 1)[0])
             if value > tolerance:
                 return best
             best = area, value, balls.vertices_of(faces)
