@@ -38,6 +38,7 @@ def about_z(mesh: TriangleMesh) -> Contents:
         two,
         jnp.arange(2),
         jnp.asarray(area),
+        jnp.ones(2, bool),
         RESULTS.successful,
         {},
         "made by hand",
