@@ -24,6 +24,8 @@ from ._metric import edge_lengths, triangle_areas
 class IntrinsicDelaunay(eqx.Module):
     """The same surface over the same vertices, cut along other geodesics: the angles opposite an edge sum to at most π.
 
+    Except where the flip of an edge would leave a vertex with fewer than three: around the tip of a sharp spike.
+
     Several edges may join the same two vertices, or a vertex to itself. Edges and faces keep their number, and those not
     flipped their place.
     """
@@ -42,7 +44,9 @@ class IntrinsicDelaunay(eqx.Module):
 
     @property
     def least_cotan_weight(self) -> Float[Array, ""]:
-        """Smallest ⋆₁. Inner edges have ⋆₁ ≥ −`delaunay_tolerance`; boundary edges, which cannot flip, may have less."""
+        """Smallest ⋆₁. Inner edges have ⋆₁ ≥ −`delaunay_tolerance`; those that cannot flip may have less: on the boundary,
+        or where a vertex would be left with fewer than three edges.
+        """
         return cotan_weights(self.lengths, self.topology).min()
 
 

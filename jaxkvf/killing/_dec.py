@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import lineax as lx
 import numpy as np
-from jaxtyping import Array, DTypeLike, Float
+from jaxtyping import Array, Bool, DTypeLike, Float
 
 from ..eigen import GeneralizedEigenproblem
 from ..exterior import curl_curl, d1, flat_operator, sharp, sharp_operator
@@ -41,16 +41,16 @@ class Dec(AbstractDiscretization):
     G_ij = ½(k_i/⋆₀_i + k_j/⋆₀_j) (`"edge"`): there defect over area stands for a pointwise curvature, to which it does not
     converge on irregular meshes, so that eigenvalues stall at about 1 %, and are far off across creases. A defect beyond
     π/2 in one vertex counts as π/2 (nothing balances more, and eigenvalues would run off to −∞), and as 0 at an inner
-    vertex of fewer than three edges.
+    vertex on a spike so sharp that flips stop there.
 
     *Boundary.* `"natural"` leaves it free, with the whole of eq. (12); `"tangential"` has fields run along it, ω(n) = 0,
     which leaves −k_g a² of eq. (12). Flat Killing fields are exact in the former, to rounding.
 
     *Where ⋆₁ is not positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation (`triangulation`).
-    Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle has ⋆₁ < 0 and cannot be flipped. In its face, and
-    where obtuse faces follow behind, B gets s_f (dω)_f² with s_f = |cot α cot β cot γ|, twice what makes the face's part
-    positive: of the order of h² beside ∫|ω|². On a triangulation that is not Delaunay negative ⋆₁ of inner edges stay, and
-    the eigensolver then reports an indefinite B.
+    Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle has ⋆₁ < 0 and cannot be flipped, nor can an edge
+    at the tip of a spike (see `intrinsic_delaunay`). In its faces, and where obtuse faces follow behind, B gets s_f (dω)_f²
+    with s_f = |cot α cot β cot γ|, twice what makes the face's part positive: of the order of h² beside ∫|ω|². On a
+    triangulation that is not Delaunay negative ⋆₁ of inner edges stay, and the eigensolver then reports an indefinite B.
 
     *Where ⋆₁ is zero.* Two faces inscribed in one circle, of which regular grids are full, give their common edge no mass.
     Its row of A x = λ B x is then (d₁ᵀ⋆₂d₁ω)_e = 0: the curl is the same in both faces, which act as one
@@ -122,6 +122,7 @@ def _stiffness(dec: Dec, lengths: Float[Array, " E"], topology: Topology) -> lx.
     at_vertices = jnp.zeros((topology.n_vertices, 2, 2), dtype)
     if dec.curvature == "vertex":
         defects = jnp.minimum(angle_defects(lengths, topology), _LARGEST_DEFECT)
+        defects = jnp.where(_is_tip(lengths, topology), 0.0, defects)
         at_vertices = defects[:, None, None] * jnp.eye(2, dtype=dtype)[None]
     if dec.boundary == "natural":
         free = free_boundary(vectors, lengths, topology)
@@ -138,6 +139,19 @@ def _stiffness(dec: Dec, lengths: Float[Array, " E"], topology: Topology) -> lx.
     local = RowSparseOperator(vectors.of.columns, turned, 2 * topology.n_vertices) @ vectors
     A = 2 * curl_curl(lengths, topology) + 4 * (divergence @ per_area @ divergence.T) - 4 * local + rest
     return lx.TaggedLinearOperator(A, lx.symmetric_tag)
+
+
+def _is_stuck(lengths: Float[Array, " E"], topology: Topology) -> Bool[Array, " E"]:
+    """Edges of negative weight that do not flip since an inner end has but three: at the tip of a spike."""
+    few = (topology.vertex_degrees <= 3) & ~topology.is_boundary_vertex
+    inner = ~topology.is_boundary_edge & few[topology.edges].any(axis=1)
+    return inner & (cotan_weights(lengths, topology) < -negligible_weight(lengths.dtype))
+
+
+def _is_tip(lengths: Float[Array, " E"], topology: Topology) -> Bool[Array, " V"]:
+    """Vertices on which flips got stuck."""
+    stuck = jnp.broadcast_to(_is_stuck(lengths, topology)[:, None], topology.edges.shape)
+    return jnp.zeros(topology.n_vertices, bool).at[topology.edges].max(stuck) & (topology.vertex_degrees <= 3)
 
 
 _LARGEST_DEFECT = np.pi / 2
@@ -191,7 +205,8 @@ def _positive_mass(weights: Float[Array, " E"]) -> Float[Array, " E"]:
 
 
 def _boundary_stabilizer(lengths: Float[Array, " E"], topology: Topology) -> Float[Array, " F"]:
-    """s_f: |cot α cot β cot γ| in obtuse faces from which longest sides lead, through obtuse faces only, to the boundary.
+    """s_f: |cot α cot β cot γ| in obtuse faces from which longest sides lead, through obtuse faces only, to the boundary,
+    or to an edge of negative weight that could not be flipped.
 
     ½ diag(cot) + s 11ᵀ, the face's part of B, is positive for s above half of this. Across any other side of these faces
     lies an angle that is not obtuse, so what remains of ⋆₁ there is not negative.
@@ -199,11 +214,13 @@ def _boundary_stabilizer(lengths: Float[Array, " E"], topology: Topology) -> Flo
     cotangents = corner_cotangents(lengths, topology)
     face = jnp.arange(topology.n_faces, dtype=topology.faces.dtype)
     longest = (jnp.argmin(cotangents, axis=1).astype(face.dtype) + 1) % 3
-    halfedges = topology.edge_halfedges[topology.face_edges[face, longest]]
+    edge = topology.face_edges[face, longest]
+    halfedges = topology.edge_halfedges[edge]
     behind = jnp.where(halfedges[:, 0] == 3 * face + longest, halfedges[:, 1], halfedges[:, 0])
     obtuse = cotangents.min(axis=1) < 0
     outside = topology.n_faces
-    following = jnp.where(obtuse, jnp.where(behind < 0, outside, behind // 3), face)
+    leaves = (behind < 0) | _is_stuck(lengths, topology)[edge]
+    following = jnp.where(obtuse, jnp.where(leaves, outside, behind // 3), face)
     following = jnp.append(following, jnp.asarray(outside, face.dtype))
     doublings = int(np.ceil(np.log2(topology.n_faces + 1)))
     reached = jax.lax.fori_loop(0, doublings, lambda _, f: f[f], following)[:-1]
