@@ -112,15 +112,9 @@ def killing_fields(
     scaled = mesh.with_vertices(mesh.vertices / unit)
     lengths = edge_lengths(scaled.vertices, mesh.topology)
     problem, solver, reason = _posed(chosen, lengths, mesh.topology, k, solver)
-<<<<<<< HEAD
     start = _starting_vectors(guess, problem)
     solution = eigsolve(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
-    coefficients = solution.eigenvectors.T
-    vectors, area = _unit_vectors(chosen, mesh, coefficients)
-=======
-    solution = eigsolve(problem, k, solver, degenerate=degenerate, throw=throw)
     vectors, coefficients, area = _unit_vectors(chosen, scaled, solution.eigenvectors.T, unit)
->>>>>>> 4853b91 (Fields are judged: a zero that a finer mesh of the same surface does not have is not trusted; fields at any scale)
     return KillingFields(
         eigenvalues=solution.eigenvalues / unit**2,
         vectors=vectors,
@@ -209,10 +203,10 @@ def intrinsic_killing_eigenvalues(
     """
     check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
     chosen = discretization_named(discretization)
-<<<<<<< HEAD
-    problem, solver, _ = _posed(chosen, lengths, topology, k, solver)
+    unit = length_unit(lengths)
+    problem, solver, _ = _posed(chosen, lengths / unit, topology, k, solver)
     start = _starting_vectors(guess, problem)
-    return eigenvalues(problem, k, solver, guess=start, degenerate=degenerate, throw=throw)
+    return eigenvalues(problem, k, solver, guess=start, degenerate=degenerate, throw=throw) / unit**2
 
 
 def _starting_vectors(
@@ -227,11 +221,6 @@ def _starting_vectors(
             "with the same connectivity, in the same discretization"
         )
     return jax.lax.stop_gradient(coefficients).T
-=======
-    unit = length_unit(lengths)
-    problem, solver, _ = _posed(chosen, lengths / unit, topology, k, solver)
-    return eigenvalues(problem, k, solver, degenerate=degenerate, throw=throw) / unit**2
->>>>>>> 4853b91 (Fields are judged: a zero that a finer mesh of the same surface does not have is not trusted; fields at any scale)
 
 
 def _check_unpinched(origins: Int[np.ndarray, " n"]) -> None:

@@ -30,11 +30,11 @@ from ._rigid_motion import RigidMotion as RigidMotion
 from ._rigid_motion import closest_rigid_motion as closest_rigid_motion
 from ._sampling import Samples as Samples
 from ._sampling import spread_evenly as spread_evenly
+from ._subdivision import subdivided as subdivided
 from ._surface_points import SurfacePoints as SurfacePoints
 from ._surface_points import closest_points as closest_points
 from ._surface_points import surface_positions as surface_positions
 from ._surface_points import vertex_points as vertex_points
-from ._subdivision import subdivided as subdivided
 from ._tangent import edge_angles as edge_angles
 from ._tangent import edge_directions as edge_directions
 from ._tangent import rotations as rotations
