@@ -4,9 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..fields import KillingFields
+from ..fields import KillingFields, component_shares
 from ..mesh import TriangleMesh
-from ..parts import component_shares
 
 if TYPE_CHECKING:
     from rich.table import Table
