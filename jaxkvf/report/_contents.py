@@ -8,12 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..arguments import Integer
-from ..fields import KillingFields, killing_fields
+from ..fields import KillingFields, component_shares, killing_fields
 from ..flows import NoPeriodError, Period, integral_curves, period
 from ..geometry import SurfacePoints, spread_evenly
 from ..killing import AbstractDiscretization, killing_energy_density
 from ..mesh import TriangleMesh
-from ..parts import component_shares
 
 LINES = 64
 """Flow lines of each field at most, and curves that its period is taken from: as many, so that tracing is compiled once."""
