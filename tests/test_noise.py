@@ -2,7 +2,13 @@
 
 import numpy as np
 
+from jaxkvf import TriangleMesh
 from jaxkvf.mesh import shapes
+
+
+def edge_lengths(mesh: TriangleMesh) -> np.ndarray:
+    vertices, edges = np.asarray(mesh.vertices), np.asarray(mesh.topology.edges)
+    return np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
 
 
 def test_noise_moves_vertices_along_their_normals_by_its_scale():
