@@ -107,6 +107,7 @@ def _shown(told: Contents, name: str) -> dict[str, Any]:
                 "dimensionless": float(fields.dimensionless[i]),
                 "cluster": int(fields.clusters[i]),
                 "residual": float(fields.residuals[i]),
+                "trusted": bool(fields.trusted[i]),
                 "components": np.flatnonzero(told.shares[i] > CARRIED * told.shares[i].max()).tolist(),
                 "period": None
                 if (found := told.periods[i]) is None

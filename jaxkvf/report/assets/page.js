@@ -26,11 +26,15 @@ function describe() {
     `${number(facts.vertices)} vertices, ${number(facts.faces)} faces, ${loops ? `${loops} boundary loop${loops > 1 ? "s" : ""}` : "closed"}` +
     `${pieces}; area ${brief(facts.area)}. Solved by ${facts.solver}.`;
   const verdicts = data.surfaces.map(({ name, fields }) => {
-    const exact = fields.filter((f) => f.dimensionless < data.exact).length;
+    const small = fields.filter((f) => f.dimensionless < data.exact);
+    const exact = small.filter((f) => f.trusted).length;
+    const coarse = small.length - exact;
     const lowest = brief(fields[0].dimensionless);
     const much = exact > last ? `${exact} or more` : exact || "no";
     const found = `${much} continuous ${exact > 1 ? "symmetries" : "symmetry"}, ${exact ? `λ·area < ${data.exact}` : `λ₀·area = ${lowest}`}`;
-    return (name ? `${name}: ` : "") + found + ". ";
+    const doubt = `${coarse} field${coarse > 1 ? "s" : ""} more on which the mesh is too coarse to tell`;
+    const told = !coarse ? found : exact ? `${found}, and ${doubt}` : `too coarse to tell: the mesh has too few vertices for an energy this small to mean anything`;
+    return (name ? `${name}: ` : "") + told + ". ";
   });
   $("verdict").textContent = verdicts.map((text) => text[0].toUpperCase() + text.slice(1)).join("");
 }
@@ -49,7 +53,7 @@ function tabulate(choose) {
     const closed = period ? Math.round((100 * period.closed) / period.curves) : 0;
     const cells = [
       i,
-      ...data.surfaces.map(({ fields }) => brief(fields[i].dimensionless)),
+      ...data.surfaces.map(({ fields }) => brief(fields[i].dimensionless) + (fields[i].trusted ? "" : "?")),
       multiplicity(all, field.cluster),
       closed >= 50 ? brief(period.time) : "–",
       `${closed} %`,
