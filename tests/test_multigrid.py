@@ -29,17 +29,12 @@ def two_spheres():
     return joined((one.vertices, one.faces), (3 + other.vertices, other.faces))
 
 
-TETRAHEDRON = np.eye(4, 3, -1), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-TRIANGLE = TETRAHEDRON[0][:3], np.array([[0, 1, 2]])
-
-
-def with_specks(mesh, speck, count, size):
-    """Beside the mesh, this many small pieces, none like another."""
-    rng = np.random.default_rng(0)
-    pieces = [
-        (rng.uniform(-5, 5, 3) + size * speck[0] * rng.uniform(0.5, 1, 3), speck[1]) for _ in range(count)
-    ]
-    return joined((mesh.vertices, mesh.faces), *pieces)
+def with_specks(mesh, count, size):
+    """Beside the mesh, this many small tetrahedra, none like another."""
+    rng, faces = np.random.default_rng(0), np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    corners = size * np.eye(4, 3, -1)
+    specks = [(rng.uniform(-5, 5, 3) + corners * rng.uniform(0.5, 1, 3), faces) for _ in range(count)]
+    return joined((mesh.vertices, mesh.faces), *specks)
 
 
 MESHES = {
@@ -47,9 +42,9 @@ MESHES = {
     "boundary": lambda: shapes.annulus(9),
     "two components": two_spheres,
     "thin triangles": lambda: shapes.random_sphere(700, seed=0, radii=(1.0, 1.0, 2.5)),
-    "specks": lambda: with_specks(shapes.bumpy_sphere(8), TETRAHEDRON, 300, 0.01),
+    "specks": lambda: with_specks(shapes.bumpy_sphere(8), 300, 0.01),
 }
-CASES = ["closed", "specks", *(pytest.param(name, marks=pytest.mark.slow) for name in list(MESHES)[1:4])]
+CASES = ["specks", *(pytest.param(name, marks=pytest.mark.slow) for name in MESHES if name != "specks")]
 
 
 def problem_and_multigrid(mesh, levels, direct_below=200, **options):
@@ -76,16 +71,16 @@ def test_the_cycle_is_symmetric_positive_definite(name):
     assert np.linalg.eigvalsh(gram)[0] > 0
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", ["closed", *(pytest.param(n, marks=pytest.mark.slow) for n in list(MESHES)[1:4])]
+)
 def test_lobpcg_with_it_takes_few_steps_and_is_right(name):
     problem, multigrid = problem_and_multigrid(MESHES[name](), 2, direct_below=40)
     solution = eigsolve(problem, 6, LOBPCG(preconditioner=multigrid))
     reference = eigsolve(problem, 6, ScipyEigsh())
     assert 1 <= int(solution.stats["steps"]) <= 30
-    assert float(solution.residuals.max()) <= 1e-8
-    largest = float(
-        jnp.abs(problem.A.as_matrix()).sum(axis=1).max() / jnp.min(problem.B.as_matrix().diagonal())
-    )
+    assert 0 < float(solution.residuals.max()) <= 1e-8
+    largest = float(reference.eigenvalues[-1])
     np.testing.assert_allclose(solution.eigenvalues, reference.eigenvalues, rtol=1e-9, atol=1e-9 * largest)
 
 
@@ -105,7 +100,7 @@ def test_steps_do_not_grow_with_the_mesh_and_a_warm_start_pays():
     warm = eigsolve(near, 6, solver, guess=solution.eigenvectors)
     reference = eigsolve(near, 6, ScipyEigsh())
     np.testing.assert_allclose(warm.eigenvalues, reference.eigenvalues, rtol=1e-9)
-    assert int(warm.stats["steps"]) <= steps[1]
+    assert 1 <= int(warm.stats["steps"]) <= steps[1]
 
 
 @pytest.mark.slow
@@ -137,7 +132,7 @@ def test_dec_through_the_vectors(name):
     mesh = MESHES[name]()
     solver = jaxkvf.multigrid_solver(mesh, discretization="dec")
     fields = jaxkvf.killing_fields(mesh, 6, discretization="dec", solver=solver)
-    assert not bool(fields.stats["fell_back"]) and int(fields.stats["steps"]) <= 12
+    assert not bool(fields.stats["fell_back"]) and 1 <= int(fields.stats["steps"]) <= 12
     reference = jaxkvf.killing_eigenvalues(mesh, 6, discretization="dec", solver=ScipyEigsh())
     np.testing.assert_allclose(fields.eigenvalues, reference, rtol=1e-9, atol=1e-9)
 
