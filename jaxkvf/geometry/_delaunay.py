@@ -24,8 +24,6 @@ from ._metric import edge_lengths, triangle_areas
 class IntrinsicDelaunay(eqx.Module):
     """The same surface over the same vertices, cut along other geodesics: the angles opposite an edge sum to at most π.
 
-    Except where the flip of an edge would leave a vertex with fewer than three: around the tip of a sharp spike.
-
     Several edges may join the same two vertices, or a vertex to itself. Edges and faces keep their number, and those not
     flipped their place.
     """
@@ -45,7 +43,7 @@ class IntrinsicDelaunay(eqx.Module):
     @property
     def least_cotan_weight(self) -> Float[Array, ""]:
         """Smallest ⋆₁. Inner edges have ⋆₁ ≥ −`delaunay_tolerance`; those that cannot flip may have less: on the boundary,
-        or where a vertex would be left with fewer than three edges.
+        or at vertices held at `least_degree`.
         """
         return cotan_weights(self.lengths, self.topology).min()
 
@@ -60,7 +58,11 @@ def delaunay_tolerance(dtype: DTypeLike) -> float:
 
 @eqx.filter_jit
 def intrinsic_delaunay(
-    surface: TriangleMesh | Float[Array, " E"], topology: Topology | None = None, *, capacity: Integer = 1
+    surface: TriangleMesh | Float[Array, " E"],
+    topology: Topology | None = None,
+    *,
+    capacity: Integer = 1,
+    least_degree: Integer = 0,
 ) -> IntrinsicDelaunay:
     """The intrinsic Delaunay triangulation of a mesh, or of edge lengths over a topology.
 
@@ -72,6 +74,8 @@ def intrinsic_delaunay(
     Args:
         surface: a mesh, or the length of each edge of `topology`.
         topology: connectivity, of a mesh or of an intrinsic triangulation; none beside a mesh.
+        least_degree: edges that flips leave at an inner vertex at the least, loops not counted; some edges then stay though
+            they are not Delaunay. Along fewer than three a vector is not determined by its components.
         capacity: multiplies the room kept for flips, whose number must have a bound under `jit`. 1 is room for twice as
             many flips as edges and for a thousand that depend on each other; most meshes need a fraction of it.
 
@@ -88,7 +92,8 @@ def intrinsic_delaunay(
     assert topology is not None
     check_shape("lengths", lengths, (topology.n_edges,), "one an edge")
     capacity = checked_integer("capacity", capacity)
-    found = _find_flips(jax.lax.stop_gradient(lengths), topology, capacity)
+    least_degree = checked_integer("least_degree", least_degree, at_least=0)
+    found = _find_flips(jax.lax.stop_gradient(lengths), topology, capacity, least_degree)
     flipped = lengths
     for diamonds in (found.wide, found.narrow):
         needed = diamonds[0, 0, 0] < topology.n_edges
@@ -128,7 +133,9 @@ def _row_shapes(n_edges: int, capacity: Integer) -> tuple[tuple[int, int], tuple
     return wide, (capacity * _NARROW_ROWS, _LEAST_WIDTH)
 
 
-def _find_flips(lengths: Float[Array, " E"], topology: Topology, capacity: Integer) -> _Schedule:
+def _find_flips(
+    lengths: Float[Array, " E"], topology: Topology, capacity: Integer, least_degree: int
+) -> _Schedule:
     shapes = _row_shapes(topology.n_edges, capacity)
     dtype = np.dtype(lengths.dtype)
 
@@ -136,7 +143,9 @@ def _find_flips(lengths: Float[Array, " E"], topology: Topology, capacity: Integ
         given = TopologyArrays(*(np.asarray(part) for part in topology))
         most = sum(rows * width for rows, width in shapes)
         # Weights are ½ (cot α + cot β).
-        found = delaunay_flips(given, np.asarray(lengths, np.float64), 2 * delaunay_tolerance(dtype), most)
+        found = delaunay_flips(
+            given, np.asarray(lengths, np.float64), 2 * delaunay_tolerance(dtype), most, least_degree
+        )
         (wide, narrow), fits = _in_rows(found, shapes, len(given.edges))
         return _Schedule(
             topology=found.topology,

@@ -48,9 +48,10 @@ class Dec(AbstractDiscretization):
 
     *Where ⋆₁ is not positive.* B = ⋆₁ must be, so unknowns live on the intrinsic Delaunay triangulation (`triangulation`).
     Its inner edges have ⋆₁ ≥ 0; a boundary edge opposite an obtuse angle has ⋆₁ < 0 and cannot be flipped, nor can an edge
-    at the tip of a spike (see `intrinsic_delaunay`). In its faces, and where obtuse faces follow behind, B gets s_f (dω)_f²
-    with s_f = |cot α cot β cot γ|, twice what makes the face's part positive: of the order of h² beside ∫|ω|². On a
-    triangulation that is not Delaunay negative ⋆₁ of inner edges stay, and the eigensolver then reports an indefinite B.
+    at the tip of a spike, whose flip would leave a vertex with fewer than three edges. In its faces, and where obtuse faces
+    follow behind, B gets s_f (dω)_f² with s_f = |cot α cot β cot γ|, twice what makes the face's part positive: of the order
+    of h² beside ∫|ω|². On a triangulation that is not Delaunay negative ⋆₁ of inner edges stay, and the eigensolver then
+    reports an indefinite B.
 
     *Where ⋆₁ is zero.* Two faces inscribed in one circle, of which regular grids are full, give their common edge no mass.
     Its row of A x = λ B x is then (d₁ᵀ⋆₂d₁ω)_e = 0: the curl is the same in both faces, which act as one
@@ -76,7 +77,7 @@ class Dec(AbstractDiscretization):
     def triangulation(self, lengths: Float[Array, " E"], topology: Topology) -> IntrinsicDelaunay:
         """The triangulation whose edges carry the unknowns."""
         if self.delaunay:
-            return intrinsic_delaunay(lengths, topology, capacity=self.flip_capacity)
+            return intrinsic_delaunay(lengths, topology, capacity=self.flip_capacity, least_degree=3)
         unturned = jnp.zeros(topology.n_vertices, lengths.dtype)
         return IntrinsicDelaunay(lengths, topology, unturned, jnp.zeros((), jnp.int32))
 

@@ -22,7 +22,7 @@ class OnIntrinsicDelaunay(AbstractDiscretization):
 
     def triangulation(self, lengths: Float[Array, " E"], topology: Topology) -> IntrinsicDelaunay:
         """The triangulation that carries the unknowns."""
-        return intrinsic_delaunay(lengths, topology, capacity=self.flip_capacity)
+        return intrinsic_delaunay(lengths, topology, capacity=self.flip_capacity, least_degree=3)
 
     def eigenproblem(self, lengths: Float[Array, " E"], topology: Topology) -> GeneralizedEigenproblem:
         surface = self.triangulation(lengths, topology)

@@ -28,16 +28,19 @@ class DelaunayFlips(NamedTuple):
 
 
 def delaunay_flips(
-    topology: TopologyArrays, lengths: Float[np.ndarray, " E"], tolerance: float, most: int
+    topology: TopologyArrays,
+    lengths: Float[np.ndarray, " E"],
+    tolerance: float,
+    most: int,
+    least_degree: int = 0,
 ) -> DelaunayFlips:
     """Flips edges until cot α + cot β ≥ −tolerance for the angles opposite each inner edge.
 
     Each round flips an independent set: the edges that violate this most in both their faces. Boundary edges, edges with
     one face on both sides, and edges whose flip rounding would not improve (or whose faces have NaN areas) stay. So does an
-    edge that leaves a vertex with fewer than three others (loops do not count): on so few, a vector there is not determined
-    by its components along them, and what is measured along edges would not see it.
+    edge that would leave an inner vertex with fewer than `least_degree` others, loops not counted.
     """
-    surface = _Surface(topology, lengths)
+    surface = _Surface(topology, lengths, least_degree)
     waiting = np.flatnonzero((topology.edge_halfedges >= 0).all(axis=1))
     waiting, violations = surface.violating(waiting, tolerance)
     if waiting.size:
@@ -75,13 +78,10 @@ def delaunay_flips(
     )
 
 
-_FEWEST_SPOKES = 3
-
-
 class _Surface:
     """A triangulation that is being flipped; halfedge 3 f + c is side c of face f, as in `Topology`."""
 
-    def __init__(self, topology: TopologyArrays, lengths: Float[np.ndarray, " E"]) -> None:
+    def __init__(self, topology: TopologyArrays, lengths: Float[np.ndarray, " E"], least_degree: int) -> None:
         self.faces = topology.faces.copy()
         self.sides = topology.face_edges.copy()
         self.forward = topology.face_edge_signs > 0
@@ -89,6 +89,7 @@ class _Surface:
         self.lengths = np.array(lengths, np.float64)
         self.cone_scales, self.end_angles = np.empty(0), np.empty((0, 2))
         tails, heads = topology.edges.T
+        self.least_degree = least_degree
         self.on_boundary = topology.spoke_corners[topology.spoke_starts[1:] - 1] < 0
         self.spokes = np.bincount(topology.edges[tails != heads].ravel(), minlength=len(self.on_boundary))
 
@@ -123,7 +124,8 @@ class _Surface:
     ) -> Bool[np.ndarray, " v"]:
         """The edges that violate most in both their faces and at each end that can spare but one: no two share a face."""
         ends = self._ends(edges)
-        spare = np.where(self.on_boundary, len(self.lengths), self.spokes - _FEWEST_SPOKES)
+        unbound = self.on_boundary if self.least_degree else np.ones_like(self.on_boundary)
+        spare = np.where(unbound, len(self.lengths), self.spokes - self.least_degree)
         may = ((spare[ends] > 0) | (ends[:, 0] == ends[:, 1])[:, None]).all(axis=1)
         rank = np.empty(len(edges), np.int64)
         rank[np.lexsort((edges, violations, may))] = np.arange(len(edges))

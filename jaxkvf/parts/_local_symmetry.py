@@ -42,7 +42,7 @@ def local_symmetry(mesh: TriangleMesh, radius: float | int, *, samples: int = 64
         ValueError: a radius or number of samples that is not positive.
     """
     radius, samples = checked_positive("radius", radius), checked_integer("samples", samples)
-    surface = intrinsic_delaunay(mesh)
+    surface = intrinsic_delaunay(mesh, least_degree=3)
     pieces = Pieces(surface.lengths, surface.topology)
     balls = Balls(surface.lengths, surface.topology)
     chosen, distances = balls.spread(min(samples, balls.n_vertices))

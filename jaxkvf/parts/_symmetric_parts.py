@@ -44,7 +44,7 @@ def symmetric_parts(
     """
     tolerance = checked_positive("tolerance", tolerance)
     most, samples = checked_integer("most", most), checked_integer("samples", samples)
-    surface = intrinsic_delaunay(mesh)
+    surface = intrinsic_delaunay(mesh, least_degree=3)
     pieces = Pieces(surface.lengths, surface.topology)
     balls = Balls(surface.lengths, surface.topology)
     parts = np.full(balls.n_vertices, -1)
