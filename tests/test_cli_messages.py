@@ -122,3 +122,25 @@ def test_a_program_that_fails_prints_its_message_and_nothing_else(tmp_path):
     assert ran.returncode == 1 and ran.stdout == ""
     assert ran.stderr.startswith("jaxkvf: ") and ran.stderr.count("\n") == 1
     assert not PYTHON_ONLY.search(COMMAND.sub("", ran.stderr))
+
+
+def test_a_zero_of_the_coarseness_is_said_to_be_one(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    sides = (
+        "1 2 4",
+        "1 4 3",
+        "5 8 6",
+        "5 7 8",
+        "1 6 2",
+        "1 5 6",
+        "3 4 8",
+        "3 8 7",
+        "1 3 7",
+        "1 7 5",
+        "2 8 4",
+        "2 6 8",
+    )
+    (tmp_path / "cube.obj").write_text("\n".join([*corners, *(f"f {side}" for side in sides)]))
+    assert cli.main(["fields", str(tmp_path / "cube.obj"), "-k", "4", "--no-picture"]) == 0
+    assert capsys.readouterr().out.count("(too coarse") == 3

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..fields import KillingFields, component_shares
 from ..mesh import TriangleMesh
+from ..trust import TOO_COARSE
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -27,14 +28,16 @@ def fields_table(mesh: TriangleMesh, found: KillingFields, title: str) -> "Table
         np.asarray(found.dimensionless),
         clusters,
         np.asarray(found.residuals),
+        np.asarray(found.trusted),
         strict=True,
     )
-    for i, (value, dimensionless, cluster, residual) in enumerate(rows):
+    for i, (value, dimensionless, cluster, residual, trusted) in enumerate(rows):
         size = int((clusters == cluster).sum())
         # The last cluster may go on beyond the fields that were asked for.
         multiplicity = f"≥ {size}" if cluster == clusters[-1] else str(size)
         home = [_spoken(homes[i])] if homes else []
-        table.add_row(str(i), f"{value:.6g}", f"{dimensionless:.6g}", multiplicity, f"{residual:.1e}", *home)
+        judged = f"{dimensionless:.6g}" + ("" if trusted else f" ({TOO_COARSE})")
+        table.add_row(str(i), f"{value:.6g}", judged, multiplicity, f"{residual:.1e}", *home)
     return table
 
 
@@ -48,6 +51,7 @@ def described(mesh: TriangleMesh, found: KillingFields) -> dict[str, Any]:
         "eigenvalues_times_area": np.asarray(found.dimensionless).tolist(),
         "clusters": np.asarray(found.clusters).tolist(),
         "residuals": np.asarray(found.residuals).tolist(),
+        "trusted": np.asarray(found.trusted).tolist(),
         "components": _components(mesh, found),
     }
 
