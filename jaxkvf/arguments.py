@@ -104,7 +104,8 @@ def check_shape(name: str, array: Any, shape: Sequence[int | str], each: str = "
 def _number(value: Any) -> float:
     """NaN, which no comparison accepts, for what is no number."""
     is_number = isinstance(value, SupportsFloat) and not isinstance(value, bool | np.bool_)
-    return float(value) if is_number and np.ndim(value) == 0 else math.nan
+    scalar = getattr(value, "ndim", 0) == 0
+    return float(value) if is_number and scalar else math.nan
 
 
 def _shown(value: Any) -> str:

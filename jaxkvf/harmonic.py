@@ -90,7 +90,7 @@ def _closed_forms(topology: Topology, relative: bool) -> Float[np.ndarray, "b E"
     forms = np.zeros((len(generators), topology.n_edges))
     forms[np.arange(len(generators)), generators] = 1.0
     if len(generators):
-        curl = sp.csc_array(to_scipy(d1(topology, float))).astype(np.float64)  # JAX may hold float32 alone
+        curl = sp.csc_array(to_scipy(d1(topology, float)), dtype=np.float64)  # JAX may hold float32 alone
         links = sp.coo_array(
             (np.ones(cotree.sum()), tuple(sides[cotree].T)), shape=(n_faces + 1, n_faces + 1)
         )
@@ -122,7 +122,7 @@ def _gradients(
     forms: Float[np.ndarray, "b E"], topology: Topology, lengths: Float[Array, " E"], relative: bool
 ) -> Float[np.ndarray, "b E"]:
     """The exact part of each form: d₀u with d₀ᵀ⋆₁(ω − d₀u) = 0, u = 0 on the boundary if relative to it."""
-    gradient = sp.csr_array(to_scipy(d0(topology, float))).astype(np.float64)
+    gradient = sp.csr_array(to_scipy(d0(topology, float)), dtype=np.float64)
     weighted = gradient.T @ sp.diags_array(np.asarray(cotan_weights(lengths, topology), float))
     fixed = np.array(topology.is_boundary_vertex) if relative else np.zeros(topology.n_vertices, bool)
     _, component = topology.components()

@@ -151,7 +151,7 @@ def _differentiable(
     problem: GeneralizedEigenproblem,
     guess: Float[Array, "n g"] | None,
     solver: AbstractEigensolver,
-    k: Integer,
+    k: int,
     vectors: bool,
 ) -> _Found:
     solution, _ = _compute(problem, guess, solver, k)

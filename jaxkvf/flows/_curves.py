@@ -16,6 +16,8 @@ from ._checked import checked_field, checked_points, checked_steps, checked_time
 from ._face_fields import FaceField, tracing_field
 from ._flow import FlowStatus, follow
 
+_Carry = tuple[SurfacePoints, Float[Array, " N"], Int[Array, " N"], Int[Array, ""]]
+
 
 class IntegralCurves(eqx.Module):
     """Polylines on the surface: point i of curve n is where the tracer n is at the time `times[n, i]`."""
@@ -75,9 +77,7 @@ def _curves(
     max_steps: int | Int[Array, ""],
     samples: int,
 ) -> IntegralCurves:
-    Carry = tuple[SurfacePoints, Float[Array, " N"], Int[Array, " N"], Int[Array, ""]]
-
-    def ahead(carry: Carry, _: None) -> tuple[Carry, tuple[SurfacePoints, Float[Array, " N"]]]:
+    def ahead(carry: _Carry, _: None) -> tuple[_Carry, tuple[SurfacePoints, Float[Array, " N"]]]:
         points, gone, status, steps = carry
         going: Bool[Array, " N"] = (status == FlowStatus.ARRIVED) | (status == FlowStatus.STATIONARY)
         end, taken = follow(field, points, jnp.where(going, whole / samples, 0.0), max_steps - steps)

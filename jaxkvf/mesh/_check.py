@@ -196,7 +196,7 @@ def _doubled(
         return usable[:0], usable
     crowded = (gluing.uses[gluing.halfedge_edges] > 2).reshape(-1, 3).any(axis=1)
     again = _defects.repeated_faces(faces[usable])
-    again = again[crowded[again]]
+    again = again[np.asarray(crowded)[again]]
     return usable[again], np.delete(usable, again)
 
 

@@ -46,7 +46,7 @@ def annulus(n_rings: Integer, inner_radius: Real = 0.5, outer_radius: Real = 1.0
     n_rings = checked_integer("n_rings", n_rings, 1)
     check_ascending("inner_radius", inner_radius, "outer_radius", outer_radius)
     radii = np.linspace(inner_radius, outer_radius, n_rings + 1)
-    counts = counts_for_spacing(radii, (outer_radius - inner_radius) / n_rings / _ROW_OF_EQUILATERALS)
+    counts = counts_for_spacing(radii, float(outer_radius - inner_radius) / n_rings / _ROW_OF_EQUILATERALS)
     return TriangleMesh.from_arrays(*rings_around_axis(radii, np.zeros(n_rings + 1), counts))
 
 
