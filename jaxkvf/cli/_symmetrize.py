@@ -12,7 +12,7 @@ from ..mesh import Attributes, TriangleMesh, read_attributes, shapes
 from ..symmetrization import OUTCOMES, Step, SymmetryReport, symmetrize, symmetry_report
 from ._messages import spoken
 from ._options import READABLE, WRITABLE, add_count, add_json, add_output, add_picture, positive, with_suffix
-from ._table import described, fields_table
+from ._table import described, fields_table, judged
 from ._terminal import check_writable, draw_picture, save_mesh, size_of, upright
 
 if TYPE_CHECKING:
@@ -149,9 +149,15 @@ def _account_table(account: SymmetryReport) -> "Table":
     for column in ("", "before", "after"):
         table.add_column(column, justify="right")
     table.add_row("exact fields", str(account.exact_before), str(account.exact_after))
-    pairs = zip(account.dimensionless_before, account.dimensionless_after, strict=True)
-    for i, (before, after) in enumerate(pairs):
-        table.add_row(f"λ·area of field {i}", f"{before:.3g}", f"{after:.3g}")
+    before, after = (
+        [judged(value, ok, ".3g") for value, ok in zip(values, trusted, strict=True)]
+        for values, trusted in (
+            (account.dimensionless_before, account.trusted_before),
+            (account.dimensionless_after, account.trusted_after),
+        )
+    )
+    for i, pair in enumerate(zip(before, after, strict=True)):
+        table.add_row(f"λ·area of field {i}", *pair)
     table.add_row("smallest angle", *(f"{angle:.1f}°" for angle in account.smallest_angles))
     table.add_row("moved, mean edges (RMS)", "", f"{account.rms_displacement:.3f}")
     table.add_row("moved, mean edges (most)", "", f"{account.largest_displacement:.3f}")

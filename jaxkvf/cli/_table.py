@@ -36,9 +36,14 @@ def fields_table(mesh: TriangleMesh, found: KillingFields, title: str) -> "Table
         # The last cluster may go on beyond the fields that were asked for.
         multiplicity = f"≥ {size}" if cluster == clusters[-1] else str(size)
         home = [_spoken(homes[i])] if homes else []
-        judged = f"{dimensionless:.6g}" + ("" if trusted else f" ({TOO_COARSE})")
-        table.add_row(str(i), f"{value:.6g}", judged, multiplicity, f"{residual:.1e}", *home)
+        row = (f"{value:.6g}", judged(dimensionless, trusted, ".6g"), multiplicity, f"{residual:.1e}", *home)
+        table.add_row(str(i), *row)
     return table
+
+
+def judged(dimensionless: float, trusted: bool | np.bool_, digits: str) -> str:
+    """λ · area, with a word where the mesh is too coarse for it."""
+    return f"{dimensionless:{digits}}" + ("" if trusted else f" ({TOO_COARSE})")
 
 
 def described(mesh: TriangleMesh, found: KillingFields) -> dict[str, Any]:

@@ -6,11 +6,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..fields import EXACT, killing_fields
-from ..geometry import face_normals
+from ..geometry import edge_lengths, face_normals, surface_area
+from ..killing import Regge
 from ..mesh import TriangleMesh
+from ..trust import TOO_COARSE, trusted
 from ._configuration import Configuration
 from ._outcome import OUTCOMES, Symmetrization
 from ._terms import metric_at_rest
@@ -27,6 +29,9 @@ class SymmetryReport(eqx.Module):
     """λ · area of the first few fields of the input …"""
     dimensionless_after: Float[np.ndarray, " k"]
     """… and of the result."""
+    trusted_before: Bool[np.ndarray, " k"]
+    """Whether the mesh is fine enough for each of these: else it is too coarse to tell (see `KillingFields.trusted`)."""
+    trusted_after: Bool[np.ndarray, " k"]
     rms_displacement: float
     """Root mean square displacement of the vertices, in mean edges of the input."""
     largest_displacement: float
@@ -44,12 +49,17 @@ class SymmetryReport(eqx.Module):
 
     @property
     def exact_before(self) -> int:
-        """Number of fields, among the first few, with λ · area below 1e-3: exact up to discretization."""
-        return int((self.dimensionless_before < EXACT).sum())
+        """Number of trusted fields, among the first few, with λ · area below 1e-3: exact up to discretization."""
+        return int(((self.dimensionless_before < EXACT) & self.trusted_before).sum())
 
     @property
     def exact_after(self) -> int:
-        return int((self.dimensionless_after < EXACT).sum())
+        return int(((self.dimensionless_after < EXACT) & self.trusted_after).sum())
+
+    @property
+    def remark(self) -> str:
+        """`"too coarse to tell"` where that holds of a field of the result; empty otherwise."""
+        return "" if self.trusted_after.all() else TOO_COARSE
 
     @property
     def most_changed_faces(self) -> Int[np.ndarray, " n"]:
@@ -62,6 +72,8 @@ class SymmetryReport(eqx.Module):
         return {
             "result": self.result,
             "exact_fields": {"before": self.exact_before, "after": self.exact_after},
+            "remark": self.remark,
+            "trusted": {"before": self.trusted_before.tolist(), "after": self.trusted_after.tolist()},
             "eigenvalues_times_area": {
                 "before": self.dimensionless_before.tolist(),
                 "after": self.dimensionless_after.tolist(),
@@ -91,10 +103,15 @@ def symmetry_report(mesh: TriangleMesh, done: Symmetrization) -> SymmetryReport:
         raise ValueError("the symmetrization is of another mesh")
     displacements, stretches, flipped = _changes(Configuration.of(mesh), done.mesh)
     first, last = done.history[0], done.history[-1]
+    after = killing_fields(done.mesh, len(first.dimensionless))
+    lengths = edge_lengths(mesh.vertices, mesh.topology)
+    values = jnp.asarray(first.dimensionless, lengths.dtype) / surface_area(lengths, mesh.topology)
     return SymmetryReport(
         result=OUTCOMES[done.result] or "successful",
         dimensionless_before=first.dimensionless,
-        dimensionless_after=np.asarray(killing_fields(done.mesh, len(first.dimensionless)).dimensionless),
+        dimensionless_after=np.asarray(after.dimensionless),
+        trusted_before=trusted(Regge(), lengths, mesh.topology, values),
+        trusted_after=np.asarray(after.trusted),
         rms_displacement=float(np.sqrt((np.asarray(displacements) ** 2).mean())),
         largest_displacement=float(displacements.max()),
         displacements=np.asarray(displacements),
