@@ -23,7 +23,7 @@ def trusted(
     lengths: Float[Array, " E"],
     topology: Topology,
     values: Float[Array, " k"],
-) -> Bool[np.ndarray, " k"]:
+) -> Bool[Array, " k"] | Bool[np.ndarray, " k"]:
     """Which of these eigenvalues the mesh is fine enough for.
 
     A mesh of few vertices has fewer edges than a field has components to be held by, and fields may stretch none of them. So

@@ -110,7 +110,7 @@ def symmetry_report(mesh: TriangleMesh, done: Symmetrization) -> SymmetryReport:
         result=OUTCOMES[done.result] or "successful",
         dimensionless_before=first.dimensionless,
         dimensionless_after=np.asarray(after.dimensionless),
-        trusted_before=trusted(Regge(), lengths, mesh.topology, values),
+        trusted_before=np.asarray(trusted(Regge(), lengths, mesh.topology, values)),
         trusted_after=np.asarray(after.trusted),
         rms_displacement=float(np.sqrt((np.asarray(displacements) ** 2).mean())),
         largest_displacement=float(displacements.max()),
