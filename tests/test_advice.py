@@ -48,7 +48,7 @@ def test_the_advice_restores_the_surface(case):
     restores(*case)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @settings(max_examples=150, deadline=None, suppress_health_check=list(HealthCheck))
 @given(broken())
 def test_the_advice_restores_many_surfaces(case):
@@ -82,7 +82,7 @@ def _arrays(done: jaxkvf.Repair) -> tuple[np.ndarray, np.ndarray]:
     return done.vertices, done.faces
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_flat_faces_go_without_a_trace_in_the_spectrum():
     mesh = shapes.ellipsoid(3)
     broken = BREAKS["sides_without_length"](

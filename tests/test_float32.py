@@ -17,7 +17,7 @@ NOT_YET = {
 SCRIPT = Path(__file__).with_name("float32_main_path.py")
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_the_main_path_of_every_public_function_with_float64_off():
     environment = {k: v for k, v in os.environ.items() if k != "JAX_ENABLE_X64"}
     names = re.findall(r"^@check\ndef (\w+)", SCRIPT.read_text(encoding="utf-8"), re.M)

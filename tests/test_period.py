@@ -45,7 +45,7 @@ def test_parts_from_a_lathe_have_their_own_period(profile):
     assert found.closed.all() and found.gaps.max() < 2e-3
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:.*miss their start:UserWarning")  # curves drift across slivers: times, not places
 @pytest.mark.parametrize("seed", range(10))
 def test_random_parts_have_their_own_period(seed):
@@ -78,7 +78,7 @@ def test_curves_on_specks_end_and_are_judged_for_themselves():
     assert time.perf_counter() - start < 60
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_commands_end_on_specked_meshes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -127,7 +127,7 @@ def test_curves_that_only_nearly_close_are_told():
         period(mesh, turning(mesh), curves=32)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("sides", "rings"), [(64, 2), (48, 20)])
 def test_the_command_offers_the_closed_field_of_a_tube(sides, rings, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)

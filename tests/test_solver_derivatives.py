@@ -104,7 +104,7 @@ QUICK = ("scipy", "dense", "lobpcg, constraints")
 
 
 @pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in CASES]
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.exhaustive) for name in CASES]
 )
 def test_first_and_second_derivatives(name):
     solver, tag, guess, dtype = CASES[name]

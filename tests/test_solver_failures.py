@@ -25,7 +25,7 @@ from jaxkvf.eigen import (
 )
 
 SOLVERS = {"dense": DenseEigh(), "scipy": ScipyEigsh(), "lobpcg": LOBPCG(rtol=1e-10)}
-EACH = ["dense", "scipy", pytest.param("lobpcg", marks=pytest.mark.slow)]
+EACH = ["dense", "scipy", pytest.param("lobpcg", marks=pytest.mark.exhaustive)]
 
 
 def problem_of(A, B=None, tag=lx.symmetric_tag):

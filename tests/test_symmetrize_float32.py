@@ -54,7 +54,7 @@ def test_arrays_of_single_precision():
     assert symmetry_report(single, done).result == "successful"
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_without_x64(tmp_path):
     environment = os.environ | {"JAX_ENABLE_X64": "0", "JAX_NUMPY_DTYPE_PROMOTION": "strict"}
     file = tmp_path / "single.npz"

@@ -48,10 +48,10 @@ class FalseClaims(optx.AbstractMinimiser):
 @pytest.mark.parametrize(
     "minimiser",
     [
-        pytest.param(optx.LBFGS(1e-8, 1e-8), marks=pytest.mark.slow),
-        pytest.param(optx.NonlinearCG(1e-8, 1e-8), marks=pytest.mark.slow),
-        pytest.param(optx.GradientDescent(0.02, 1e-8, 1e-8), marks=pytest.mark.slow),
-        pytest.param(optx.BestSoFarMinimiser(optx.BFGS(1e-8, 1e-8)), marks=pytest.mark.slow),
+        pytest.param(optx.LBFGS(1e-8, 1e-8), marks=pytest.mark.exhaustive),
+        pytest.param(optx.NonlinearCG(1e-8, 1e-8), marks=pytest.mark.exhaustive),
+        pytest.param(optx.GradientDescent(0.02, 1e-8, 1e-8), marks=pytest.mark.exhaustive),
+        pytest.param(optx.BestSoFarMinimiser(optx.BFGS(1e-8, 1e-8)), marks=pytest.mark.exhaustive),
         optx.NelderMead(1e-8, 1e-8),
         FalseClaims(),
     ],
@@ -75,7 +75,7 @@ def test_of_the_axes_of_an_ellipsoid(minimiser):
         assert done.result == OUTCOMES.successful and min(b - a, c - b) < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "minimiser", [optx.BFGS(1e-8, 1e-8), optx.NonlinearCG(1e-8, 1e-8)], ids=["BFGS", "CG"]
 )
@@ -86,7 +86,7 @@ def test_of_the_vertices(minimiser):
     check_honest(done, 20 / noisy.topology.n_faces**2 + 5e-7 * done.history[0].dimensionless[0])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_a_simplex_in_many_dimensions_does_not_report_what_it_has_not_reached():
     """It cannot get far in the 126 coordinates of a mesh."""
     noisy = shapes.add_normal_noise(shapes.ellipsoid(2), 0.05, seed=3)
@@ -95,7 +95,7 @@ def test_a_simplex_in_many_dimensions_does_not_report_what_it_has_not_reached():
     assert done.history[-1].dimensionless[0] > 0.3 * done.history[0].dimensionless[0]
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_levenberg_marquardt_minimises_the_energy_as_squares():
     """In vertices and field at once, a few steps go far."""
     noisy = shapes.add_normal_noise(shapes.ellipsoid(2), 0.1, seed=3)

@@ -48,7 +48,7 @@ def test_it_goes_on_from_a_state_as_if_it_had_not_stopped(small, half, tmp_path)
     np.testing.assert_array_equal(small.vertices, before)
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     "minimiser",
     [optx.IndirectLevenbergMarquardt(1e-10, 1e-10), optx.NelderMead(1e-8, 1e-8), optx.BFGS(1e-8, 1e-8)],
@@ -150,7 +150,7 @@ def echo(x):
     return x, float(np.asarray(jax.tree.leaves(x)[0]).ravel()[0])
 
 
-@pytest.mark.slow
+@pytest.mark.exhaustive
 def test_results_go_through_processes(small, half):
     """By `spawn`, the way that is safe with JAX's threads."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
