@@ -46,7 +46,9 @@ def test_parts_from_a_lathe_have_their_own_period(profile):
 
 
 @pytest.mark.exhaustive
-@pytest.mark.filterwarnings("ignore:.*miss their start:UserWarning")  # curves drift across slivers: times, not places
+@pytest.mark.filterwarnings(
+    "ignore:.*miss their start:UserWarning"
+)  # curves drift across slivers: times, not places
 @pytest.mark.parametrize("seed", range(10))
 def test_random_parts_have_their_own_period(seed):
     mesh = random_part(seed)

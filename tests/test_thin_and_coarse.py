@@ -10,7 +10,7 @@ from bad_triangles import central_difference
 
 from jaxkvf import TriangleMesh, intrinsic_killing_eigenvalues, killing_eigenvalues, killing_fields, shapes
 from jaxkvf.geometry import edge_lengths, intrinsic_delaunay, length_unit, subdivided, surface_area
-from jaxkvf.killing import Pieces
+from jaxkvf.killing import Pieces, thin_faces
 
 
 def lathe() -> tuple[np.ndarray, np.ndarray]:
@@ -28,6 +28,15 @@ def with_cap(vertices: np.ndarray, faces: np.ndarray, height: float) -> Triangle
     return TriangleMesh.from_arrays(
         np.vstack([vertices, point]), np.vstack([np.delete(faces, 60, axis=0), around])
     )
+
+
+def test_faces_that_are_mollified_are_named():
+    vertices, faces = lathe()
+    for height, count in ((1e-3, 0), (1e-7, 1)):
+        mesh = with_cap(vertices, faces, height)
+        thin = np.flatnonzero(thin_faces(edge_lengths(mesh.vertices, mesh.topology), mesh.topology))
+        assert len(thin) == count
+        assert (np.asarray(mesh.faces)[thin] == len(vertices)).any(axis=1).all()  # at the vertex put in
 
 
 def box() -> tuple[np.ndarray, np.ndarray]:

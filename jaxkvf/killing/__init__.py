@@ -9,4 +9,5 @@ from ._hierarchy import vector_hierarchy as vector_hierarchy
 from ._on_delaunay import OnIntrinsicDelaunay as OnIntrinsicDelaunay
 from ._pieces import Pieces as Pieces
 from ._regge import Regge as Regge
+from ._regge import thin_faces as thin_faces
 from ._regge import vector_mass as vector_mass

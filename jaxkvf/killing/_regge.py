@@ -117,7 +117,7 @@ def least_thickness(dtype: DTypeLike) -> float:
 
 
 def thin_faces(lengths: Float[Array, " E"], topology: Topology) -> Bool[Array, " F"]:
-    """Which faces `regge` mollifies."""
+    """Which faces `regge` mollifies: so thin that their strain would be lost in rounding (height below ε^⅓ of the side)."""
     return _thicknesses(lengths[topology.face_edges]) < least_thickness(lengths.dtype)
 
 
