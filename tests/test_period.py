@@ -49,13 +49,25 @@ def test_parts_from_a_lathe_have_their_own_period(profile):
 @pytest.mark.filterwarnings(
     "ignore:.*miss their start:UserWarning"
 )  # curves drift across slivers: times, not places
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", range(20))
 def test_random_parts_have_their_own_period(seed):
     mesh = random_part(seed)
     for field in (turning(mesh), np.asarray(jaxkvf.killing_fields(mesh, 1).vectors[0])):
         found = period(mesh, field)
         exact = polygon_periods(mesh, field)[found.vertices]
         assert found.period == pytest.approx(np.median(exact), rel=2e-3)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:.*miss their start:UserWarning")
+@pytest.mark.xfail(
+    reason="curves drift across slivers and creases: of some parts only half come back within 5 %"
+)
+@pytest.mark.parametrize("seed", range(20))
+def test_nearly_all_curves_of_random_parts_close(seed):
+    mesh = random_part(seed)
+    for field in (turning(mesh), np.asarray(jaxkvf.killing_fields(mesh, 1).vectors[0])):
+        assert period(mesh, field).closed.mean() > 0.9
 
 
 def test_curves_on_specks_end_and_are_judged_for_themselves():
